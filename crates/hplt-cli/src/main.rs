@@ -1,0 +1,2 @@
+//! The command `hplt`.
+fn main() {}

@@ -1,0 +1,51 @@
+//! Scene nouns, radiometry, rays, and a watertight BVH.
+//!
+//! This crate owns the values that flow through the pipeline: [`Scene`] (geometry, materials, lights),
+//! [`Camera`], [`OrientedPoint`] and [`PointHierarchy`], and the one trait that every stage casts rays
+//! through, [`RayCaster`], with its implementation [`Bvh`].
+//!
+//! # Spaces
+//!
+//! Everything inside a [`Scene`] is in *scene space*: world space, recentred, and scaled by an exact power of two so
+//! that the scene is about one unit large ([`Frame`]). Recentring happens in `f64`, before anything is rounded to `f32`,
+//! so a scene far from the origin keeps its detail. World coordinates appear only at the door: in
+//! [`SceneBuilder`], in loaders, and in what is written out.
+//!
+//! # Quantities
+//!
+//! See [`radiometry`]. The basis stores irradiance `E`; materials store albedo `ρ` and emitted exitance `M`.
+#![forbid(unsafe_op_in_unsafe_fn)]
+
+pub use glam;
+
+mod bvh;
+mod camera;
+mod environment;
+mod error;
+mod frame;
+mod image;
+mod light;
+mod material;
+mod mesh;
+mod point;
+mod progress;
+pub mod radiometry;
+mod ray;
+mod scene;
+mod texture;
+
+pub use bvh::{Bvh, BvhOptions, BvhReport};
+pub use camera::Camera;
+pub use environment::Environment;
+pub use error::Error;
+pub use frame::Frame;
+pub use image::Image;
+pub use light::{Light, LightShape};
+pub use material::{AlphaMask, Material, MaterialId, Sides, TextureSlot};
+pub use mesh::{Mesh, TriangleId};
+pub use point::{OrientedPoint, PointHierarchy, PointLevel, RegionId};
+pub use progress::{Interrupted, NoProgress, Progress};
+pub use radiometry::Rgb;
+pub use ray::{Hit, Ray, RayCaster, offset_origin};
+pub use scene::{BuildPolicy, MeshInput, Scene, SceneBuilder, SceneReport, SurfacePoint};
+pub use texture::{Texture, UvTransform, Wrap};

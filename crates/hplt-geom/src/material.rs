@@ -1,0 +1,133 @@
+use glam::Vec2;
+
+use crate::{Rgb, Texture, UvTransform, Wrap};
+
+/// Index of a material in its scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MaterialId(pub u32);
+
+/// Which sides of a surface something applies to. The front is the counter-clockwise side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sides {
+    /// The front only.
+    Front,
+    /// Front and back.
+    #[default]
+    Both,
+}
+
+impl Sides {
+    /// Whether the given side is among them.
+    pub fn includes(self, is_front: bool) -> bool {
+        is_front || self == Self::Both
+    }
+}
+
+/// A texture as a material uses it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TextureSlot {
+    /// The image.
+    pub texture: Texture,
+    /// Applied to the mesh's coordinates first.
+    pub transform: UvTransform,
+    /// What coordinates outside the unit square mean.
+    pub wrap: [Wrap; 2],
+}
+
+impl TextureSlot {
+    fn rgb(&self, uv: Vec2) -> Rgb {
+        self.texture.sample(self.transform.apply(uv), self.wrap).truncate()
+    }
+
+    fn alpha(&self, uv: Vec2) -> f32 {
+        self.texture.sample(self.transform.apply(uv), self.wrap).w
+    }
+}
+
+/// Cuts away where `factor · alpha < cutoff` (glTF `alphaMode = MASK`).
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlphaMask {
+    /// Constant factor.
+    pub factor: f32,
+    /// Texture whose alpha channel is multiplied in.
+    pub texture: Option<TextureSlot>,
+    /// The cutoff.
+    pub cutoff: f32,
+}
+
+impl AlphaMask {
+    /// Whether the surface is there at `uv`.
+    pub fn is_opaque(&self, uv: Vec2) -> bool {
+        self.factor * self.texture.as_ref().map_or(1.0, |slot| slot.alpha(uv)) >= self.cutoff
+    }
+}
+
+/// An ideal diffuse surface. Every surface blocks light on both sides, whatever it reflects.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Name in the scene file.
+    pub name: String,
+    /// Diffuse albedo `ρ` in `[0, 1]`.
+    pub albedo: Rgb,
+    /// Multiplied into `albedo`.
+    pub albedo_texture: Option<TextureSlot>,
+    /// Emitted exitance `M` in W/m², not negative.
+    pub exitance: Rgb,
+    /// Multiplied into `exitance`.
+    pub exitance_texture: Option<TextureSlot>,
+    /// The sides that reflect; a side that does not is black.
+    pub reflects: Sides,
+    /// The sides that emit.
+    pub emits: Sides,
+    /// Cut-outs.
+    pub alpha: Option<AlphaMask>,
+}
+
+impl Material {
+    /// A plain two-sided reflector.
+    pub fn diffuse(name: impl Into<String>, albedo: Rgb) -> Self {
+        Self {
+            name: name.into(),
+            albedo,
+            albedo_texture: None,
+            exitance: Rgb::ZERO,
+            exitance_texture: None,
+            reflects: Sides::Both,
+            emits: Sides::Front,
+            alpha: None,
+        }
+    }
+
+    /// A reflector whose front also emits `exitance` W/m².
+    pub fn emitter(name: impl Into<String>, albedo: Rgb, exitance: Rgb) -> Self {
+        Self { exitance, ..Self::diffuse(name, albedo) }
+    }
+
+    /// Whether any part of the surface can emit.
+    pub fn is_emissive(&self) -> bool {
+        self.exitance.max_element() > 0.0
+    }
+
+    /// Whether a look-up needs texture coordinates.
+    pub fn needs_uvs(&self) -> bool {
+        self.albedo_texture.is_some()
+            || self.exitance_texture.is_some()
+            || self.alpha.as_ref().is_some_and(|mask| mask.texture.is_some())
+    }
+
+    /// The albedo of one side at `uv`.
+    pub fn albedo_at(&self, is_front: bool, uv: Vec2) -> Rgb {
+        if !self.reflects.includes(is_front) {
+            return Rgb::ZERO;
+        }
+        self.albedo_texture.as_ref().map_or(self.albedo, |slot| self.albedo * slot.rgb(uv))
+    }
+
+    /// The emitted exitance of one side at `uv`.
+    pub fn exitance_at(&self, is_front: bool, uv: Vec2) -> Rgb {
+        if !self.emits.includes(is_front) {
+            return Rgb::ZERO;
+        }
+        self.exitance_texture.as_ref().map_or(self.exitance, |slot| self.exitance * slot.rgb(uv))
+    }
+}

@@ -1,0 +1,1 @@
+//! hplt-splat
