@@ -27,6 +27,7 @@ mod image;
 mod light;
 mod material;
 mod mesh;
+pub mod parallel;
 mod point;
 mod progress;
 pub mod radiometry;

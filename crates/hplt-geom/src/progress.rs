@@ -10,6 +10,12 @@ pub trait Progress: Sync {
         false
     }
 
+    /// Seconds on the caller's clock, for the timings in reports; 0 where the caller has none. Libraries never read a
+    /// clock themselves, and no result depends on this.
+    fn now(&self) -> f64 {
+        0.0
+    }
+
     /// [`Interrupted`] once the work should stop.
     ///
     /// # Errors

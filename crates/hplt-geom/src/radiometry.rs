@@ -46,6 +46,17 @@ pub fn cone_solid_angle(angle: f64) -> f64 {
     4.0 * std::f64::consts::PI * half * half
 }
 
+/// The kernel `cosθ cosθ' / (π d²)`, m⁻²: times the sender's exitance and area it is the irradiance that arrives from a
+/// small patch. Zero when either faces away.
+pub fn area_kernel(cos_receiver: f32, cos_sender: f32, distance_squared: f32) -> f32 {
+    cos_receiver.max(0.0) * cos_sender.max(0.0) * FRAC_1_PI / distance_squared
+}
+
+/// The probability density per steradian of cosine-distributed directions: `cosθ/π`.
+pub fn cosine_pdf_solid_angle(cos: f32) -> f32 {
+    cos.max(0.0) * FRAC_1_PI
+}
+
 /// The configuration factor from a surface element to a polygon, in `[0, 1]`: `F = (1/2π) Σ Γᵢ·n` over its edges
 /// (Lambert 1760), after clipping to the horizon. A polygon of uniform exitance `M` arrives as `E = M·F`.
 ///
