@@ -1,1 +1,14 @@
-//! hplt-reference
+//! The judge of the workspace: everything that says whether a solution is right, and by how much it is wrong.
+//!
+//! The judge shares with the solver the scene nouns of `hplt-geom` and nothing else: its rays, its sampling and its
+//! statistics are its own, so that an error has to be made twice, differently, to go unseen.
+//!
+//! * [`scenes`]: procedural scenes, from the Cornell box to a colonnade of a quarter of a million triangles
+//! * [`metrics`]: errors of irradiance at points and of images
+#![forbid(unsafe_code)]
+
+mod error;
+pub mod metrics;
+pub mod scenes;
+
+pub use error::Error;

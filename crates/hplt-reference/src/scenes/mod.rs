@@ -1,0 +1,23 @@
+//! Procedural scenes, as builders: world space, metres, y up, no file needed.
+//!
+//! Every function returns a [`SceneBuilder`] so that the caller can add lights, cameras or a mesh of its own;
+//! [`build`] turns it into a [`Scene`].
+
+mod cornell;
+mod shape;
+
+pub use cornell::{Front, cornell_box, cornell_box_closed, room_with};
+pub use shape::Shape;
+
+use hplt_geom::{BuildPolicy, Scene, SceneBuilder};
+
+/// The finished scene of a builder from this module.
+///
+/// # Panics
+/// When the builder was given something invalid on top; the scenes themselves are valid.
+pub fn build(builder: SceneBuilder) -> Scene {
+    match builder.build(BuildPolicy::default()) {
+        Ok((scene, _)) => scene,
+        Err(error) => panic!("procedural scene: {error}"),
+    }
+}
