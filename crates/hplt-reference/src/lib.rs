@@ -4,9 +4,11 @@
 //! statistics are its own, so that an error has to be made twice, differently, to go unseen.
 //!
 //! * [`scenes`]: procedural scenes, from the Cornell box to a colonnade of a quarter of a million triangles
+//! * [`closed_forms`]: exact answers, with the constants to test against
 //! * [`metrics`]: errors of irradiance at points and of images
 #![forbid(unsafe_code)]
 
+pub mod closed_forms;
 mod error;
 pub mod metrics;
 pub mod scenes;

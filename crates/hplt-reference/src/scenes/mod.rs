@@ -3,9 +3,16 @@
 //! Every function returns a [`SceneBuilder`] so that the caller can add lights, cameras or a mesh of its own;
 //! [`build`] turns it into a [`Scene`].
 
+mod basic;
 mod cornell;
+mod random;
 mod shape;
 
+pub use basic::{
+    box_on_floor, cluttered_room, concentric_spheres, cube, furnace_box, geodesic_sphere, nested_rooms,
+    parallel_plates, perpendicular_plates, plane_under_sky, random_boxes_furnace, single_sheet, sphere, torus,
+    two_rooms,
+};
 pub use cornell::{Front, cornell_box, cornell_box_closed, room_with};
 pub use shape::Shape;
 
