@@ -1,1 +1,42 @@
-//! hplt-transport
+//! Direct projection, the gather, and the two variants of hierarchical transport.
+//!
+//! ```text
+//! E'(x) = ∫ (1/π) B(y_ω) <n, ω> dω ≈ (1/N) Σ_k ρ(y_k) F_s(y_k)        y_k = first hit of cosine-distributed ray k
+//! ```
+//!
+//! Light flows through four functions:
+//!
+//! 1. [`project_direct`]: the light that arrives straight from emitters, lights and sky, as coefficients;
+//! 2. [`transport_delta`] (V1, the original) or [`transport_absolute`] (V3, the optimised version): bounce after bounce, on
+//!    the fly, refined where an [`Oracle`] asks for it, to a [`Solution`] and a [`TransportReport`];
+//! 3. [`final_gather`]: the solution read through one more gather, at any points;
+//! 4. [`estimate_error`]: how far the solution is from its own gather with fresh rays.
+//!
+//! [`direct_irradiance`] gives the direct part at any points; displays and measurements add it to the indirect part.
+//!
+//! The rays of a receiver are a pure function of the seed and the receiver, the same in every bounce: the bounces are the
+//! Neumann series of one fixed linear operator. Everything is bit-identical at any thread count.
+#![forbid(unsafe_code)]
+
+mod absolute;
+mod bounce;
+mod delta;
+mod direct;
+mod emitters;
+mod error;
+mod estimate;
+mod gather;
+mod options;
+mod oracle;
+mod report;
+mod sky;
+
+pub use absolute::transport_absolute;
+pub use delta::transport_delta;
+pub use direct::{DirectEstimator, DirectLight, DirectOptions, direct_irradiance, project_direct};
+pub use error::Error;
+pub use estimate::{ErrorEstimate, estimate_error};
+pub use gather::{FinalGather, Sender, final_gather};
+pub use options::{Model, TransportOptions};
+pub use oracle::{Detail, Oracle, Threshold};
+pub use report::{BounceReport, Solution, StopReason, TransportReport};

@@ -1,0 +1,156 @@
+use hplt_geom::{OrientedPoint, PointHierarchy, parallel};
+use hplt_kdtree::KdTree;
+
+use crate::kernel::distance_squared;
+use crate::{Kernel, Parents, smoothstep};
+
+/// Cosine between normals below which two points are on different sides.
+const SAME_SIDE: f32 = 0.0;
+
+/// The shape of the basis functions.
+#[derive(Debug, Clone, Copy)]
+pub struct BasisOptions {
+    /// The support radius over the Poisson radius, `b/r`. At 2, coverage is guaranteed (`Σw ≥ 0.125`).
+    pub support_factor: f32,
+    /// The radial kernel.
+    pub kernel: Kernel,
+}
+
+impl Default for BasisOptions {
+    fn default() -> Self {
+        Self { support_factor: 2.0, kernel: smoothstep }
+    }
+}
+
+/// The weight of one function at a query point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weight {
+    /// Index of the function within its level.
+    pub function: u32,
+    /// Its weight.
+    pub weight: f32,
+}
+
+/// The Shepard bases of all levels of a hierarchy, with a kd-tree per level and the parents of every function.
+#[derive(Debug)]
+pub struct ShepardBasis {
+    hierarchy: PointHierarchy,
+    trees: Vec<KdTree>,
+    parents: Vec<Parents>,
+    options: BasisOptions,
+}
+
+impl ShepardBasis {
+    /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
+    pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
+        let trees = hierarchy
+            .levels
+            .iter()
+            .map(|level| KdTree::build(&level.points.iter().map(|p| p.position).collect::<Vec<_>>()))
+            .collect();
+        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options };
+        basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
+        basis
+    }
+
+    /// The points.
+    pub fn hierarchy(&self) -> &PointHierarchy {
+        &self.hierarchy
+    }
+
+    /// The points of one level.
+    pub fn points(&self, level: usize) -> &[OrientedPoint] {
+        &self.hierarchy.levels[level].points
+    }
+
+    /// How many levels there are.
+    pub fn n_levels(&self) -> usize {
+        self.hierarchy.levels.len()
+    }
+
+    /// How many functions a level has.
+    pub fn n_functions(&self, level: usize) -> usize {
+        self.points(level).len()
+    }
+
+    /// The radius `b` of the supports of a level, scene units.
+    pub fn support(&self, level: usize) -> f32 {
+        self.options.support_factor * self.hierarchy.levels[level].poisson_radius
+    }
+
+    /// The kd-tree over the points of a level.
+    pub fn tree(&self, level: usize) -> &KdTree {
+        &self.trees[level]
+    }
+
+    /// The parents of the functions of `level`, which must not be 0.
+    pub fn parents(&self, level: usize) -> &Parents {
+        &self.parents[level - 1]
+    }
+
+    /// Replaces `weights` by the unnormalised `w_i` of every function of `level` that is positive at `query`, in the
+    /// order of the tree, and returns their sum.
+    pub fn raw_weights(&self, level: usize, query: &OrientedPoint, weights: &mut Vec<Weight>) -> f32 {
+        weights.clear();
+        let support = self.support(level);
+        let inverse = 1.0 / support;
+        let points = self.points(level);
+        let mut sum = 0.0;
+        self.trees[level].within(query.position, support, |id, _| {
+            let point = &points[id as usize];
+            let cosine = query.normal.dot(point.normal);
+            if cosine <= SAME_SIDE || point.region != query.region {
+                return;
+            }
+            let distance = distance_squared(query.position - point.position, point.normal).sqrt();
+            let weight = (self.options.kernel)(distance * inverse) * cosine * cosine;
+            if weight > 0.0 {
+                sum += weight;
+                weights.push(Weight { function: id, weight });
+            }
+        });
+        sum
+    }
+
+    /// Replaces `weights` by the basis functions `B_i` of `level` at `query`, which sum to 1, and returns true; or
+    /// leaves it empty and returns false where no function covers the point.
+    pub fn weights(&self, level: usize, query: &OrientedPoint, weights: &mut Vec<Weight>) -> bool {
+        let sum = self.raw_weights(level, query, weights);
+        // A sum this small is rounding noise at the rim of a support; dividing by it would amplify the noise.
+        if sum < 1e-6 {
+            weights.clear();
+            return false;
+        }
+        let inverse = 1.0 / sum;
+        weights.iter_mut().for_each(|w| w.weight *= inverse);
+        true
+    }
+
+    /// The nearest function of `level` in the region of `query` and on its side, exactly.
+    pub fn nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
+        let points = self.points(level);
+        let same_side = |id: u32| {
+            let point = &points[id as usize];
+            point.region == query.region && query.normal.dot(point.normal) > SAME_SIDE
+        };
+        self.trees[level].nearest(query.position, f32::INFINITY, same_side).map(|(id, _)| id)
+    }
+
+    /// Bytes that trees, parents and points take.
+    pub fn memory(&self) -> usize {
+        let trees: usize = self.trees.iter().map(KdTree::memory).sum();
+        let parents: usize = self.parents.iter().map(Parents::memory).sum();
+        self.hierarchy.memory() + trees + parents
+    }
+
+    fn find_parents(&self, level: usize) -> Parents {
+        let points = self.points(level);
+        let rows = parallel::map(points.len(), Vec::new, |scratch, i| {
+            if !self.weights(level - 1, &points[i], scratch) {
+                scratch.extend(self.nearest(level - 1, &points[i]).map(|function| Weight { function, weight: 1.0 }));
+            }
+            scratch.clone()
+        });
+        Parents::from_rows(&rows, self.n_functions(level - 1))
+    }
+}

@@ -1,0 +1,181 @@
+use hplt_geom::{OrientedPoint, RegionId, Rgb};
+
+use crate::{Absolute, Coefficients, Coverage, Delta, ShepardBasis, Weight};
+
+/// Turns coefficients into values of the field.
+pub trait Reconstruction<E>: Sync {
+    /// Writes to `out[i]` the irradiance at `queries[i]`, W/m², reading the `n_levels` coarsest levels only. Where no
+    /// function of the finest of them covers a point, coarser ones answer, then the nearest on the same side, then
+    /// zero; the result counts how often. Zero in dark regions.
+    ///
+    /// # Panics
+    /// When the slices differ in length or `n_levels` exceeds what there is.
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<E>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage;
+}
+
+/// The exact expansion: a range query per level (delta), or one on the finest level read (absolute).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ExactShepard;
+
+/// The coefficient of the approximately nearest function on the same side: one descent of the kd-tree per level (delta)
+/// or in all (absolute). Its error averages out over the many rays of a gather.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ApproximateNearest;
+
+impl Reconstruction<Absolute> for ExactShepard {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        let mut weights = Vec::new();
+        for_each(queries, out, |query, coverage| {
+            for level in (0..n_levels).rev() {
+                if basis.weights(level, query, &mut weights) {
+                    coverage.coarser += u64::from(level + 1 < n_levels);
+                    return combine(&weights, coefficients.level(level));
+                }
+            }
+            nearest_on_any_level(basis, coefficients, n_levels, query, coverage)
+        })
+    }
+}
+
+impl Reconstruction<Delta> for ExactShepard {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Delta>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        let mut weights = Vec::new();
+        for_each(queries, out, |query, coverage| {
+            let mut value = Rgb::ZERO;
+            let mut finest = None;
+            for level in 0..n_levels {
+                if basis.weights(level, query, &mut weights) {
+                    value += combine(&weights, coefficients.level(level));
+                    finest = Some(level);
+                } else if level == 0 {
+                    // The base level carries the mean of the field: details alone would be wrong everywhere.
+                    value += nearest_of(basis, coefficients.level(0), 0, query, coverage);
+                }
+            }
+            coverage.coarser += u64::from(finest.is_some_and(|level| level + 1 < n_levels));
+            value
+        })
+    }
+}
+
+impl Reconstruction<Absolute> for ApproximateNearest {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        for_each(queries, out, |query, coverage| {
+            let top = n_levels - 1;
+            match approximate_nearest(basis, top, query) {
+                Some(function) => coefficients.level(top)[function as usize],
+                None => nearest_on_any_level(basis, coefficients, n_levels, query, coverage),
+            }
+        })
+    }
+}
+
+impl Reconstruction<Delta> for ApproximateNearest {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Delta>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        for_each(queries, out, |query, coverage| {
+            (0..n_levels)
+                .map(|level| match approximate_nearest(basis, level, query) {
+                    Some(function) => coefficients.level(level)[function as usize],
+                    None => nearest_of(basis, coefficients.level(level), level, query, coverage),
+                })
+                .sum()
+        })
+    }
+}
+
+fn for_each(
+    queries: &[OrientedPoint],
+    out: &mut [Rgb],
+    mut evaluate: impl FnMut(&OrientedPoint, &mut Coverage) -> Rgb,
+) -> Coverage {
+    assert_eq!(queries.len(), out.len(), "queries and results");
+    let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
+    for (query, out) in queries.iter().zip(out) {
+        *out = if query.region == RegionId::DARK { Rgb::ZERO } else { evaluate(query, &mut coverage) };
+    }
+    coverage
+}
+
+fn combine(weights: &[Weight], coefficients: &[Rgb]) -> Rgb {
+    weights.iter().map(|w| coefficients[w.function as usize] * w.weight).sum()
+}
+
+fn approximate_nearest(basis: &ShepardBasis, level: usize, query: &OrientedPoint) -> Option<u32> {
+    let points = basis.points(level);
+    let same_side = |id: u32| {
+        let point = &points[id as usize];
+        point.region == query.region && query.normal.dot(point.normal) > 0.5
+    };
+    basis.tree(level).approximate_nearest(query.position, same_side).map(|(id, _)| id)
+}
+
+fn nearest_of(
+    basis: &ShepardBasis,
+    coefficients: &[Rgb],
+    level: usize,
+    query: &OrientedPoint,
+    coverage: &mut Coverage,
+) -> Rgb {
+    match basis.nearest(level, query) {
+        Some(function) => {
+            coverage.nearest += 1;
+            coefficients[function as usize]
+        }
+        None => {
+            coverage.uncovered += 1;
+            Rgb::ZERO
+        }
+    }
+}
+
+fn nearest_on_any_level(
+    basis: &ShepardBasis,
+    coefficients: &Coefficients<Absolute>,
+    n_levels: usize,
+    query: &OrientedPoint,
+    coverage: &mut Coverage,
+) -> Rgb {
+    for level in (0..n_levels).rev() {
+        if let Some(function) = basis.nearest(level, query) {
+            coverage.nearest += 1;
+            return coefficients.level(level)[function as usize];
+        }
+    }
+    coverage.uncovered += 1;
+    Rgb::ZERO
+}

@@ -1,0 +1,373 @@
+use glam::{DVec3, Vec3};
+use hplt_basis::{Absolute, Coefficients, ShepardBasis, restrict};
+use hplt_geom::radiometry::irradiance_from_uniform_radiance;
+use hplt_geom::{
+    Hit, Interrupted, Light, LightShape, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, Scene, offset_origin,
+    parallel,
+};
+use hplt_sampling::random::{Stage, hash};
+use hplt_sampling::{sobol, warp};
+
+use crate::Model;
+use crate::emitters::{Emitter, Emitters};
+use crate::gather::Counter;
+use crate::sky::SkySampler;
+
+/// How light that comes straight from emissive surfaces and the sky is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DirectEstimator {
+    /// [`Hemisphere`](Self::Hemisphere) where more than a tenth of the surface emits, else [`Lights`](Self::Lights).
+    #[default]
+    Auto,
+    /// Shadow rays to sampled points of the lights.
+    Lights,
+    /// Cosine-distributed rays that see the lights they hit: for furnaces and scenes where most surfaces emit.
+    Hemisphere,
+}
+
+/// How direct light is sampled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DirectOptions {
+    /// Seed of all rays.
+    pub seed: u64,
+    /// Shadow rays per emitter where there are few, per point where there are many; a power of two.
+    pub light_samples: u32,
+    /// Rays per point towards the sky, or over the hemisphere; a power of two.
+    pub sky_samples: u32,
+    /// Which estimator.
+    pub estimator: DirectEstimator,
+}
+
+impl DirectOptions {
+    /// For senders: many points, each coarse.
+    pub fn projection() -> Self {
+        Self { seed: 0, light_samples: 16, sky_samples: 64, estimator: DirectEstimator::Auto }
+    }
+
+    /// For what is looked at or measured: soft shadows without visible noise.
+    pub fn display() -> Self {
+        Self { light_samples: 64, sky_samples: 256, ..Self::projection() }
+    }
+
+    /// For results that are compared at a fraction of a per cent.
+    pub fn measurement() -> Self {
+        Self { light_samples: 1024, sky_samples: 4096, ..Self::projection() }
+    }
+}
+
+/// The light sources of a scene, prepared for sampling.
+#[derive(Debug, Clone)]
+pub struct DirectLight<'s> {
+    scene: &'s Scene,
+    emitters: Emitters,
+    sky: Option<SkySampler>,
+    options: DirectOptions,
+    by_hemisphere: bool,
+}
+
+impl<'s> DirectLight<'s> {
+    /// Collects emitters and prepares the environment of `scene`.
+    pub fn new(scene: &'s Scene, options: DirectOptions) -> Self {
+        let emitters = Emitters::new(scene);
+        let by_hemisphere = match options.estimator {
+            DirectEstimator::Lights => false,
+            DirectEstimator::Hemisphere => true,
+            DirectEstimator::Auto => {
+                let emitting: f64 = emitters.all.iter().map(|e| f64::from(e.area)).sum();
+                let all: f64 =
+                    (0..scene.mesh().n_triangles() as u32).map(|t| scene.mesh().area(hplt_geom::TriangleId(t))).sum();
+                emitting > 0.1 * all
+            }
+        };
+        let sky = if by_hemisphere { None } else { scene.environment().and_then(SkySampler::new) };
+        Self { scene, emitters, sky, options, by_hemisphere }
+    }
+
+    /// How many sides of triangles emit.
+    pub fn n_emitters(&self) -> usize {
+        self.emitters.all.len()
+    }
+
+    /// Whether emissive surfaces and the sky are found by rays over the hemisphere.
+    pub fn is_by_hemisphere(&self) -> bool {
+        self.by_hemisphere
+    }
+
+    /// The irradiance that arrives at `point` straight from lights, W/m². `id` selects the samples.
+    fn irradiance(
+        &self,
+        caster: &dyn RayCaster,
+        point: &OrientedPoint,
+        (stage, id): (Stage, u32),
+        scratch: &mut Shadows,
+    ) -> Rgb {
+        if point.region == RegionId::DARK {
+            return Rgb::ZERO;
+        }
+        let sampler = PointSampler {
+            light: self,
+            point,
+            origin: offset_origin(point.position, point.normal),
+            seeds: Seeds { seed: self.options.seed, stage, id },
+        };
+        let mut sum = DVec3::ZERO;
+        if self.by_hemisphere {
+            sum += sampler.hemisphere(caster, scratch);
+        } else {
+            if self.emitters.is_many() {
+                sum += sampler.some_emitters(caster, scratch);
+            } else {
+                for (i, emitter) in self.emitters.all.iter().enumerate() {
+                    sum += sampler.one_emitter(caster, emitter, i as u32, scratch);
+                }
+            }
+            sum += sampler.sky(caster, scratch);
+        }
+        for (i, light) in self.scene.lights().iter().enumerate() {
+            sum += sampler.light(caster, light, i as u32, scratch);
+        }
+        sum.as_vec3()
+    }
+}
+
+/// The irradiance that arrives at `points` straight from lights, W/m², with the points' indices selecting the samples
+/// of `stage`. Zero in dark regions.
+///
+/// Few emitters: for each of uniform exitance the exact unoccluded irradiance (Lambert's polygon formula) times the visible
+/// fraction, a ratio estimator that is free of noise where nothing is in the way. Many: chosen by power. The sky: constant
+/// by cosine-distributed rays; a map by the balance heuristic between those and its radiance.
+///
+/// # Errors
+/// When interrupted.
+pub fn direct_irradiance(
+    light: &DirectLight<'_>,
+    caster: &dyn RayCaster,
+    points: &[OrientedPoint],
+    stage: Stage,
+    progress: &dyn Progress,
+) -> Result<Vec<Rgb>, Interrupted> {
+    let counter = Counter::new(progress, "direct light", points.len());
+    parallel::try_map(points.len(), Shadows::default, |scratch, i| {
+        counter.step()?;
+        Ok(light.irradiance(caster, &points[i], (stage, i as u32), scratch))
+    })
+}
+
+/// Projects direct light onto the hierarchy: sampled at every function of the finest level, averaged over supports on
+/// coarser ones ([`restrict`]), so that patches of light smaller than a coarse function are not lost.
+///
+/// # Errors
+/// When interrupted.
+pub fn project_direct(
+    model: &Model<'_>,
+    light: &DirectLight<'_>,
+    progress: &dyn Progress,
+) -> Result<Coefficients<Absolute>, Interrupted> {
+    let basis: &ShepardBasis = model.basis;
+    let Some(top) = basis.n_levels().checked_sub(1) else {
+        return Ok(Coefficients::from_levels(Vec::new()));
+    };
+    let finest = direct_irradiance(light, model.caster, basis.points(top), Stage::Direct, progress)?;
+    Ok(restrict(basis, finest))
+}
+
+/// Shadow rays with what each would bring.
+#[derive(Default)]
+struct Shadows {
+    rays: Vec<Ray>,
+    brings: Vec<Rgb>,
+    occluded: Vec<bool>,
+    hits: Vec<Hit>,
+}
+
+impl Shadows {
+    fn clear(&mut self) {
+        self.rays.clear();
+        self.brings.clear();
+    }
+
+    fn push(&mut self, ray: Ray, brings: Rgb) {
+        if brings != Rgb::ZERO {
+            self.rays.push(ray);
+            self.brings.push(brings);
+        }
+    }
+
+    /// What the unoccluded rays bring, and what all would bring.
+    fn trace(&mut self, caster: &dyn RayCaster) -> (DVec3, DVec3) {
+        self.occluded.clear();
+        self.occluded.resize(self.rays.len(), false);
+        caster.trace_occluded(&self.rays, &mut self.occluded);
+        let (mut visible, mut all) = (DVec3::ZERO, DVec3::ZERO);
+        for (brings, occluded) in self.brings.iter().zip(&self.occluded) {
+            let brings = brings.as_dvec3();
+            all += brings;
+            if !occluded {
+                visible += brings;
+            }
+        }
+        (visible, all)
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Seeds {
+    seed: u64,
+    stage: Stage,
+    id: u32,
+}
+
+impl Seeds {
+    /// The scramble of the samples for light `index` of a kind.
+    fn of(self, kind: u32, index: u32) -> u32 {
+        hash(self.seed, self.stage, self.id, index, kind)
+    }
+}
+
+/// Samples the lights from one point.
+struct PointSampler<'a> {
+    light: &'a DirectLight<'a>,
+    point: &'a OrientedPoint,
+    origin: Vec3,
+    seeds: Seeds,
+}
+
+impl PointSampler<'_> {
+    fn segment_to(&self, emitter: &Emitter, target: Vec3) -> Ray {
+        Ray::segment(self.origin, offset_origin(target, emitter.normal))
+    }
+
+    fn one_emitter(&self, caster: &dyn RayCaster, emitter: &Emitter, index: u32, shadows: &mut Shadows) -> DVec3 {
+        let OrientedPoint { position, normal, .. } = *self.point;
+        if !emitter.can_light(position, normal) {
+            return DVec3::ZERO;
+        }
+        shadows.clear();
+        let n = self.light.options.light_samples;
+        let scramble = self.seeds.of(0, index);
+        for k in 0..n {
+            let (u, v) = warp::triangle(sobol::sobol_2d(k, scramble, 0));
+            let target = emitter.point(u, v);
+            let exitance = emitter.exitance(self.light.scene, u, v);
+            let brings = exitance * (emitter.kernel(position, normal, target) / n as f32);
+            shadows.push(self.segment_to(emitter, target), brings);
+        }
+        let (visible, all) = shadows.trace(caster);
+        match emitter.uniform_exitance {
+            None => visible,
+            Some(exitance) => {
+                // Exact form factor × visible fraction, the fraction weighted as the light arrives.
+                let fraction = if all.max_element() > 0.0 { visible.max_element() / all.max_element() } else { 0.0 };
+                exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction)
+            }
+        }
+    }
+
+    fn some_emitters(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
+        shadows.clear();
+        let OrientedPoint { position, normal, .. } = *self.point;
+        let n = self.light.options.light_samples;
+        let scramble = self.seeds.of(1, 0);
+        for k in 0..n {
+            let choice = sobol::sobol_2d(k, scramble, 1);
+            let (emitter, probability, _) = self.light.emitters.choose(choice.x);
+            let (u, v) = warp::triangle(sobol::sobol_2d(k, scramble, 0));
+            let target = emitter.point(u, v);
+            let weight = emitter.kernel(position, normal, target) / (n as f32 * probability);
+            let brings = emitter.exitance(self.light.scene, u, v) * weight;
+            shadows.push(self.segment_to(emitter, target), brings);
+        }
+        shadows.trace(caster).0
+    }
+
+    fn sky(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
+        let Some(environment) = self.light.scene.environment() else { return DVec3::ZERO };
+        shadows.clear();
+        let n = self.light.options.sky_samples;
+        let scramble = self.seeds.of(2, 0);
+        let frame = warp::Frame::around(self.point.normal);
+        for k in 0..n {
+            let local = warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0));
+            let direction = frame.to_world(local);
+            let brings = match &self.light.sky {
+                Some(sampler) => sampler.weighted(environment, direction, local.z, n),
+                None => irradiance_from_uniform_radiance(environment.radiance(direction)) / n as f32,
+            };
+            shadows.push(Ray::new(self.origin, direction), brings);
+        }
+        if let Some(sampler) = &self.light.sky {
+            for k in 0..n {
+                let (direction, _) = sampler.sample(environment, sobol::sobol_2d(k, scramble, 1));
+                let brings = sampler.weighted(environment, direction, self.point.normal.dot(direction), n);
+                shadows.push(Ray::new(self.origin, direction), brings);
+            }
+        }
+        shadows.trace(caster).0
+    }
+
+    fn light(&self, caster: &dyn RayCaster, light: &Light, index: u32, shadows: &mut Shadows) -> DVec3 {
+        shadows.clear();
+        let OrientedPoint { position, normal, .. } = *self.point;
+        let from_point = |at: Vec3, intensity: Rgb| {
+            let to = at - position;
+            let distance_squared = to.length_squared();
+            if distance_squared > 0.0 {
+                intensity * (normal.dot(to).max(0.0) / (distance_squared * distance_squared.sqrt()))
+            } else {
+                Rgb::ZERO
+            }
+        };
+        match light.shape {
+            LightShape::Point { position: at, intensity } => {
+                shadows.push(Ray::segment(self.origin, at), from_point(at, intensity));
+            }
+            LightShape::Spot { position: at, direction, intensity, cos_inner, cos_outer } => {
+                let cos = (position - at).normalize_or_zero().dot(direction);
+                let falloff = LightShape::spot_falloff(cos_inner, cos_outer, cos);
+                shadows.push(Ray::segment(self.origin, at), from_point(at, intensity * falloff));
+            }
+            LightShape::Directional { direction_to_light, irradiance, angular_radius } => {
+                let n = if angular_radius > 0.0 { self.light.options.light_samples } else { 1 };
+                let scramble = self.seeds.of(3, index);
+                let frame = warp::Frame::around(direction_to_light);
+                for k in 0..n {
+                    let direction = if n == 1 {
+                        direction_to_light
+                    } else {
+                        frame.to_world(warp::uniform_cone(sobol::sobol_2d(k, scramble, 0), angular_radius))
+                    };
+                    let brings = irradiance * (normal.dot(direction).max(0.0) / n as f32);
+                    shadows.push(Ray::new(self.origin, direction), brings);
+                }
+            }
+            _ => {}
+        }
+        shadows.trace(caster).0
+    }
+
+    /// The mean over cosine-distributed rays of the exitance that they hit, or `π` times the radiance of the sky.
+    fn hemisphere(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
+        let scene = self.light.scene;
+        let n = self.light.options.sky_samples;
+        let scramble = self.seeds.of(4, 0);
+        let frame = warp::Frame::around(self.point.normal);
+        shadows.rays.clear();
+        shadows.rays.extend((0..n).map(|k| {
+            let local = warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0));
+            Ray::new(self.origin, frame.to_world(local))
+        }));
+        shadows.hits.clear();
+        shadows.hits.resize(n as usize, Hit::MISS);
+        caster.trace_nearest(&shadows.rays, &mut shadows.hits);
+        let mut sum = DVec3::ZERO;
+        for (ray, hit) in shadows.rays.iter().zip(&shadows.hits) {
+            sum += match (hit.is_miss(), scene.environment()) {
+                (false, _) => scene.exitance(&scene.surface_at(hit)),
+                (true, Some(environment)) => irradiance_from_uniform_radiance(environment.radiance(ray.direction)),
+                (true, None) => Rgb::ZERO,
+            }
+            .as_dvec3();
+        }
+        sum / f64::from(n)
+    }
+}

@@ -1,0 +1,38 @@
+use hplt_geom::Interrupted;
+
+/// What can stop a stage.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The caller asked to stop.
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
+    /// An option is outside its range.
+    #[error("option {name}: {value}; expected {expected}")]
+    Option {
+        /// The field.
+        name: &'static str,
+        /// The value found.
+        value: f64,
+        /// The range, in words.
+        expected: &'static str,
+    },
+    /// Light in a closed region of albedo 1 never dies.
+    #[error(
+        "closed region {region} has albedo 1 everywhere: no finite solution; expected an albedo below 1 or an opening"
+    )]
+    NoFiniteSolution {
+        /// The region.
+        region: u32,
+    },
+    /// A coefficient became NaN or infinite.
+    #[error("bounce {bounce}, level {level}, function {function}: irradiance is not finite")]
+    NotFinite {
+        /// The bounce, counted from 1.
+        bounce: usize,
+        /// The level.
+        level: usize,
+        /// The function.
+        function: usize,
+    },
+}

@@ -1,0 +1,57 @@
+use hplt_basis::{Coefficients, Reconstruction};
+use hplt_geom::radiometry::luminance;
+use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
+use hplt_sampling::random::Stage;
+
+use crate::{Model, Sender, final_gather};
+
+/// How far a solution is from its own gather, at points that are no functions. Relative to the total irradiance there, by
+/// luminance, with a floor of 1 % of the mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorEstimate {
+    /// Mean over the points of `|interpolated - gathered| / total`, the noise of the gather taken out in the square.
+    pub mean: f64,
+    /// The 95th percentile over the points; includes the noise of the gather.
+    pub p95: f64,
+    /// Mean standard error of the gathers that this was measured with.
+    pub noise: f64,
+    /// How many points.
+    pub n_points: usize,
+}
+
+/// Measures the interpolated solution against gathers of `n_rays` fresh rays at `points`, which should be random.
+///
+/// `sender` is the total (direct and indirect) irradiance, `indirect` the part that displays interpolate, and `direct` the
+/// direct irradiance at the points. The estimate does not see errors that interpolation and gather share: senders too coarse
+/// for a shadow, bounces left out ([`TransportReport::truncation_bound`](crate::TransportReport)).
+///
+/// # Errors
+/// When interrupted.
+pub fn estimate_error<E>(
+    model: &Model<'_>,
+    sender: &Sender<'_, E>,
+    indirect: &Coefficients<E>,
+    reconstruction: &dyn Reconstruction<E>,
+    (points, direct): (&[OrientedPoint], &[Rgb]),
+    n_rays: u32,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<ErrorEstimate, Interrupted> {
+    let fresh = final_gather(model, sender, points, n_rays, (Stage::Error, seed), progress)?;
+    let mut interpolated = vec![Rgb::ZERO; points.len()];
+    reconstruction.reconstruct(model.basis, indirect, model.basis.n_levels(), points, &mut interpolated);
+    let total: Vec<f64> =
+        fresh.iter().zip(direct).map(|(g, d)| f64::from(luminance(g.irradiance) + luminance(*d))).collect();
+    let n = points.len().max(1) as f64;
+    let floor = 0.01 * total.iter().sum::<f64>() / n;
+    let relative = |value: f32, i: usize| f64::from(value) / total[i].max(floor).max(f64::MIN_POSITIVE);
+    let mut errors: Vec<f64> = (0..points.len())
+        .map(|i| relative((luminance(interpolated[i]) - luminance(fresh[i].irradiance)).abs(), i))
+        .collect();
+    let noise = (0..points.len()).map(|i| relative(luminance(fresh[i].noise), i)).sum::<f64>() / n;
+    let measured = errors.iter().sum::<f64>() / n;
+    errors.sort_by(f64::total_cmp);
+    let p95 = errors.get((errors.len() * 95) / 100).copied().unwrap_or(0.0);
+    let mean = (measured * measured - noise * noise).max(0.0).sqrt();
+    Ok(ErrorEstimate { mean, p95, noise, n_points: points.len() })
+}
