@@ -8,6 +8,7 @@
 mod alpha;
 mod binary;
 mod build;
+mod dispatch;
 mod top_down;
 mod traverse;
 mod triangle;
@@ -20,6 +21,8 @@ mod tests;
 
 use crate::{Hit, Mesh, Ray, RayCaster, Scene};
 use alpha::Cutouts;
+use dispatch::Query;
+use traverse::Target;
 use wide::WideTree;
 
 /// How much work goes into the tree.
@@ -91,6 +94,10 @@ impl Bvh {
         report.memory += cutouts.memory();
         (Self { tree, cutouts }, report)
     }
+
+    fn target(&self) -> Target<'_> {
+        Target { tree: &self.tree, cutouts: &self.cutouts }
+    }
 }
 
 fn build_tree(mesh: &Mesh, cutouts: &Cutouts, options: BvhOptions) -> (WideTree, BvhReport) {
@@ -116,11 +123,11 @@ fn build_tree(mesh: &Mesh, cutouts: &Cutouts, options: BvhOptions) -> (WideTree,
 impl RayCaster for Bvh {
     fn trace_nearest(&self, rays: &[Ray], hits: &mut [Hit]) {
         assert_eq!(rays.len(), hits.len(), "one hit per ray");
-        traverse::trace_nearest(&self.tree, &self.cutouts, rays, hits);
+        dispatch::run(self.target(), Query::Nearest(rays, hits));
     }
 
     fn trace_occluded(&self, rays: &[Ray], occluded: &mut [bool]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
-        traverse::trace_occluded(&self.tree, &self.cutouts, rays, occluded);
+        dispatch::run(self.target(), Query::Occluded(rays, occluded));
     }
 }

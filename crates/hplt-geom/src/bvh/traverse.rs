@@ -5,13 +5,20 @@
 use glam::Vec3;
 
 use super::alpha::Cutouts;
-use super::triangle::{Shear, test_packet};
+use super::triangle::{Packet, PacketHits, Shear};
 use super::wide::{Child, Node, WIDTH, WideTree};
 use crate::{Hit, Ray};
 
 /// Enlarges far distances. The slab test errs by 3 half-units in the last place and the triangle test by as many as 4
 /// where its error grows with distance; this is 8 of them.
 const WIDEN: f32 = 1.0 + 8.0 * f32::EPSILON;
+
+/// What rays are traced against.
+#[derive(Clone, Copy)]
+pub(super) struct Target<'a> {
+    pub(super) tree: &'a WideTree,
+    pub(super) cutouts: &'a Cutouts,
+}
 
 /// A child that is still to be visited, and where the ray enters it.
 #[derive(Debug, Clone, Copy)]
@@ -23,7 +30,7 @@ struct Entry {
 const NO_ENTRY: Entry = Entry { t: f32::INFINITY, child: Child::NONE };
 
 /// A ray as the traversal uses it.
-struct Probe {
+pub(super) struct Probe {
     shear: Shear,
     origin: [f32; 3],
     inverse: [f32; 3],
@@ -73,41 +80,57 @@ fn rescaled(ray: &Ray, longest: f32) -> (Vec3, f32, f64) {
     ((ray.direction.as_dvec3() * t_scale).as_vec3(), t_max, t_scale)
 }
 
-pub(super) fn trace_nearest(tree: &WideTree, cutouts: &Cutouts, rays: &[Ray], hits: &mut [Hit]) {
-    let mut stack = vec![NO_ENTRY; tree.stack_size()];
-    for (ray, hit) in rays.iter().zip(hits) {
-        *hit = Probe::new(ray).map_or(Hit::MISS, |probe| nearest(tree, cutouts, &probe, &mut stack));
-    }
+/// The two vectorised operations. They are arguments, so that the same traversal can be compiled for several instruction
+/// sets.
+pub(super) struct Kernels<E, T> {
+    /// See [`enter`].
+    pub(super) enter: E,
+    /// See [`test_packet`](super::triangle::test_packet).
+    pub(super) test: T,
 }
 
-pub(super) fn trace_occluded(tree: &WideTree, cutouts: &Cutouts, rays: &[Ray], occluded: &mut [bool]) {
-    let mut stack = vec![NO_ENTRY; tree.stack_size()];
-    for (ray, is_occluded) in rays.iter().zip(occluded) {
-        *is_occluded = Probe::new(ray).is_some_and(|probe| any(tree, cutouts, &probe, &mut stack));
+#[inline(always)]
+pub(super) fn trace_nearest<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, rays: &[Ray], hits: &mut [Hit])
+where
+    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
+    T: Fn(&Packet, &Shear, f32) -> PacketHits,
+{
+    let mut stack = vec![NO_ENTRY; target.tree.stack_size()];
+    for (ray, hit) in rays.iter().zip(hits) {
+        *hit = Probe::new(ray).map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut stack));
     }
 }
 
 #[inline(always)]
-fn nearest(tree: &WideTree, cutouts: &Cutouts, probe: &Probe, stack: &mut [Entry]) -> Hit {
+pub(super) fn trace_occluded<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, rays: &[Ray], occluded: &mut [bool])
+where
+    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
+    T: Fn(&Packet, &Shear, f32) -> PacketHits,
+{
+    let mut stack = vec![NO_ENTRY; target.tree.stack_size()];
+    for (ray, is_occluded) in rays.iter().zip(occluded) {
+        *is_occluded = Probe::new(ray).is_some_and(|probe| any(kernels, target, &probe, &mut stack));
+    }
+}
+
+#[inline(always)]
+fn nearest<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, stack: &mut [Entry]) -> Hit
+where
+    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
+    T: Fn(&Packet, &Shear, f32) -> PacketHits,
+{
+    let Target { tree, cutouts } = target;
+    let mut best = Hit { t: probe.t_max, ..Hit::MISS };
     if tree.nodes.is_empty() {
         return Hit::MISS;
     }
-    let mut best = Hit { t: probe.t_max, ..Hit::MISS };
-    stack[0] = Entry { t: 0.0, child: Child::ROOT };
-    let mut n = 1;
-    while n > 0 {
-        n -= 1;
-        let Entry { t, child } = stack[n];
-        if t > best.t * WIDEN {
-            continue;
-        }
+    let mut child = Child::ROOT;
+    let mut n = 0;
+    loop {
         if child.is_leaf() {
             for packet in &tree.packets[child.packets()] {
-                let hits = test_packet(packet, &probe.shear, best.t);
-                let mut mask = hits.mask;
-                while mask != 0 {
-                    let lane = mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
+                let hits = (kernels.test)(packet, &probe.shear, best.t);
+                for lane in set_bits(hits.mask) {
                     if hits.t[lane] > best.t {
                         continue;
                     }
@@ -117,42 +140,56 @@ fn nearest(tree: &WideTree, cutouts: &Cutouts, probe: &Probe, stack: &mut [Entry
                     }
                 }
             }
-            continue;
-        }
-        let node = &tree.nodes[child.node_index()];
-        let (mut mask, entry) = enter(node, probe, best.t * WIDEN);
-        let first = n;
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            let new = Entry { t: entry[lane], child: node.children[lane] };
-            // Keep the nearest on top.
-            let mut at = n;
-            while at > first && stack[at - 1].t < new.t {
-                stack[at] = stack[at - 1];
-                at -= 1;
+        } else {
+            let node = &tree.nodes[child.node_index()];
+            let (mask, entry) = (kernels.enter)(node, probe, best.t * WIDEN);
+            let first = n;
+            for lane in set_bits(mask) {
+                let new = Entry { t: entry[lane], child: node.children[lane] };
+                // Keep the nearest on top.
+                let mut at = n;
+                while at > first && stack[at - 1].t < new.t {
+                    stack[at] = stack[at - 1];
+                    at -= 1;
+                }
+                stack[at] = new;
+                n += 1;
             }
-            stack[at] = new;
-            n += 1;
+        }
+        let limit = best.t * WIDEN;
+        loop {
+            if n == 0 {
+                let found = Hit { t: probe.ray_distance(best.t), ..best };
+                return if best.is_miss() { Hit::MISS } else { found };
+            }
+            n -= 1;
+            if stack[n].t <= limit {
+                child = stack[n].child;
+                break;
+            }
         }
     }
-    if best.is_miss() { Hit::MISS } else { Hit { t: probe.ray_distance(best.t), ..best } }
 }
 
 #[inline(always)]
-fn any(tree: &WideTree, cutouts: &Cutouts, probe: &Probe, stack: &mut [Entry]) -> bool {
+fn any<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, stack: &mut [Entry]) -> bool
+where
+    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
+    T: Fn(&Packet, &Shear, f32) -> PacketHits,
+{
+    let Target { tree, cutouts } = target;
     if tree.nodes.is_empty() {
         return false;
     }
-    stack[0] = Entry { t: 0.0, child: Child::ROOT };
+    stack[0].child = Child::ROOT;
     let mut n = 1;
     while n > 0 {
         n -= 1;
         let child = stack[n].child;
         if child.is_leaf() {
             for packet in &tree.packets[child.packets()] {
-                let hits = test_packet(packet, &probe.shear, probe.t_max);
-                for lane in (0..4).filter(|lane| hits.mask & (1 << lane) != 0) {
+                let hits = (kernels.test)(packet, &probe.shear, probe.t_max);
+                for lane in set_bits(hits.mask) {
                     let blocks = !packet.is_masked(lane) || is_there(cutouts, true, &hits.hit(packet, lane));
                     if hits.t[lane] < probe.t_max && blocks {
                         return true;
@@ -162,15 +199,25 @@ fn any(tree: &WideTree, cutouts: &Cutouts, probe: &Probe, stack: &mut [Entry]) -
             continue;
         }
         let node = &tree.nodes[child.node_index()];
-        let (mut mask, entry) = enter(node, probe, probe.t_max * WIDEN);
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            stack[n] = Entry { t: entry[lane], child: node.children[lane] };
+        let (mask, _) = (kernels.enter)(node, probe, probe.t_max * WIDEN);
+        for lane in set_bits(mask) {
+            stack[n].child = node.children[lane];
             n += 1;
         }
     }
     false
+}
+
+/// The positions of the bits that are set, ascending.
+#[inline(always)]
+fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        (mask != 0).then(|| {
+            let lane = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            lane
+        })
+    })
 }
 
 /// Whether `hit` is to be preferred: nearer, or as near and on the front where the other is not, or of a lower id.
@@ -189,22 +236,47 @@ fn is_there(cutouts: &Cutouts, is_masked: bool, hit: &Hit) -> bool {
 
 /// Which children the ray enters before `t_end`, one bit each, and where.
 #[inline(always)]
-fn enter(node: &Node, probe: &Probe, t_end: f32) -> (u32, [f32; WIDTH]) {
+pub(super) fn enter(node: &Node, probe: &Probe, t_end: f32) -> (u32, [f32; WIDTH]) {
     let mut entry = [0.0f32; WIDTH];
-    let mut exit = [t_end; WIDTH];
+    let mut exit = [f32::INFINITY; WIDTH];
     for axis in 0..3 {
         let (near, far) = (&node.planes[probe.near[axis]], &node.planes[probe.far[axis]]);
         for lane in 0..WIDTH {
             let t_near = (near[lane] - probe.origin[axis]) * probe.inverse[axis];
-            let t_far = (far[lane] - probe.origin[axis]) * probe.inverse[axis] * WIDEN;
-            // These keep the second operand when the first is NaN.
+            let t_far = (far[lane] - probe.origin[axis]) * probe.inverse[axis];
+            // These keep what they have when the distance is NaN.
             entry[lane] = if t_near > entry[lane] { t_near } else { entry[lane] };
             exit[lane] = if t_far < exit[lane] { t_far } else { exit[lane] };
         }
     }
     let mut mask = 0;
     for lane in 0..WIDTH {
-        mask |= u32::from(entry[lane] <= exit[lane]) << lane;
+        mask |= u32::from(entry[lane] <= (exit[lane] * WIDEN).min(t_end)) << lane;
     }
     (mask, entry)
+}
+
+/// [`enter`] in AVX.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+#[target_feature(enable = "avx2")]
+pub(super) fn enter_avx2(node: &Node, probe: &Probe, t_end: f32) -> (u32, [f32; WIDTH]) {
+    use std::arch::x86_64::{
+        __m256, _CMP_LE_OQ, _mm256_cmp_ps, _mm256_max_ps, _mm256_min_ps, _mm256_movemask_ps, _mm256_mul_ps,
+        _mm256_set1_ps, _mm256_sub_ps,
+    };
+    let mut entry = _mm256_set1_ps(0.0);
+    let mut exit = _mm256_set1_ps(f32::INFINITY);
+    for axis in 0..3 {
+        let origin = _mm256_set1_ps(probe.origin[axis]);
+        let inverse = _mm256_set1_ps(probe.inverse[axis]);
+        let distance =
+            |row: usize| -> __m256 { _mm256_mul_ps(_mm256_sub_ps(bytemuck::cast(node.planes[row]), origin), inverse) };
+        // Both return their second operand when the first is NaN.
+        entry = _mm256_max_ps(distance(probe.near[axis]), entry);
+        exit = _mm256_min_ps(distance(probe.far[axis]), exit);
+    }
+    let exit = _mm256_min_ps(_mm256_mul_ps(exit, _mm256_set1_ps(WIDEN)), _mm256_set1_ps(t_end));
+    let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(entry, exit));
+    (mask as u32, bytemuck::cast(entry))
 }

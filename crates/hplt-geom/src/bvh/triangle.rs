@@ -133,9 +133,7 @@ pub(super) fn test_packet(packet: &Packet, shear: &Shear, t_end: f32) -> PacketH
     let mut hits = PacketHits { mask: 0, t, weights: [u, v, w], det };
     let mut unsure = 0;
     for i in 0..4 {
-        let least = u[i].min(v[i]).min(w[i]);
-        let most = u[i].max(v[i]).max(w[i]);
-        let inside = (least >= 0.0) | (most <= 0.0);
+        let inside = ((u[i] >= 0.0) & (v[i] >= 0.0) & (w[i] >= 0.0)) | ((u[i] <= 0.0) & (v[i] <= 0.0) & (w[i] <= 0.0));
         let on_edge = (u[i] == 0.0) | (v[i] == 0.0) | (w[i] == 0.0);
         let in_range = (t[i] >= 0.0) & (t[i] <= t_end) & (det[i] != 0.0);
         hits.mask |= u32::from(inside & in_range) << i;
@@ -143,6 +141,55 @@ pub(super) fn test_packet(packet: &Packet, shear: &Shear, t_end: f32) -> PacketH
     }
     if unsure != 0 {
         settle(&mut hits, unsure, [a, b, c], t_end);
+    }
+    hits
+}
+
+/// [`test_packet`] in 128-bit AVX.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+#[target_feature(enable = "avx2")]
+pub(super) fn test_packet_avx2(packet: &Packet, shear: &Shear, t_end: f32) -> PacketHits {
+    use std::arch::x86_64::{
+        __m128, _CMP_EQ_OQ, _CMP_GE_OQ, _CMP_LE_OQ, _CMP_NEQ_OQ, _mm_add_ps, _mm_and_ps, _mm_cmp_ps, _mm_div_ps,
+        _mm_max_ps, _mm_min_ps, _mm_movemask_ps, _mm_mul_ps, _mm_or_ps, _mm_set1_ps, _mm_setzero_ps, _mm_sub_ps,
+    };
+    let zero = _mm_setzero_ps();
+    let origin = shear.origin.map(|x| _mm_set1_ps(x));
+    let scale = shear.scale.map(|x| _mm_set1_ps(x));
+    let sheared = |corner: &[Lanes; 3]| -> [__m128; 3] {
+        let local = |i: usize| _mm_sub_ps(bytemuck::cast(corner[shear.axes[i]]), origin[i]);
+        let z = local(2);
+        let skew = |i: usize| _mm_sub_ps(local(i), _mm_mul_ps(scale[i], z));
+        [skew(0), skew(1), _mm_mul_ps(z, scale[2])]
+    };
+    let edge = |a: [__m128; 3], b: [__m128; 3]| _mm_sub_ps(_mm_mul_ps(a[0], b[1]), _mm_mul_ps(a[1], b[0]));
+    let [a, b, c] = [sheared(&packet.corners[0]), sheared(&packet.corners[1]), sheared(&packet.corners[2])];
+    let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+    let least = _mm_min_ps(_mm_min_ps(u, v), w);
+    let most = _mm_max_ps(_mm_max_ps(u, v), w);
+    let inside = _mm_or_ps(_mm_cmp_ps::<_CMP_GE_OQ>(least, zero), _mm_cmp_ps::<_CMP_LE_OQ>(most, zero));
+    let cast = |x: __m128| -> Lanes { bytemuck::cast(x) };
+    if _mm_movemask_ps(inside) == 0 {
+        return PacketHits { mask: 0, t: [0.0; 4], weights: [[0.0; 4]; 3], det: [0.0; 4] };
+    }
+    let det = _mm_add_ps(_mm_add_ps(u, v), w);
+    let t_scaled = _mm_add_ps(_mm_add_ps(_mm_mul_ps(u, a[2]), _mm_mul_ps(v, b[2])), _mm_mul_ps(w, c[2]));
+    // Adding zero turns -0 into 0.
+    let t = _mm_add_ps(_mm_div_ps(t_scaled, det), zero);
+    let in_range = _mm_and_ps(_mm_cmp_ps::<_CMP_GE_OQ>(t, zero), _mm_cmp_ps::<_CMP_LE_OQ>(t, _mm_set1_ps(t_end)));
+    let hit = _mm_and_ps(_mm_and_ps(inside, in_range), _mm_cmp_ps::<_CMP_NEQ_OQ>(det, zero));
+    let is_zero = |x: __m128| _mm_cmp_ps::<_CMP_EQ_OQ>(x, zero);
+    let on_edge = _mm_or_ps(_mm_or_ps(is_zero(u), is_zero(v)), is_zero(w));
+    let unsure = _mm_movemask_ps(_mm_and_ps(inside, on_edge)) as u32;
+    let mut hits = PacketHits {
+        mask: _mm_movemask_ps(hit) as u32,
+        t: cast(t),
+        weights: [cast(u), cast(v), cast(w)],
+        det: cast(det),
+    };
+    if unsure != 0 {
+        settle(&mut hits, unsure, [a, b, c].map(|corner| corner.map(cast)), t_end);
     }
     hits
 }
