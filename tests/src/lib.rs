@@ -1,1 +1,180 @@
-//! Integration tests live in `tests/`.
+//! What the integration tests share: the pipeline from a scene to a solution, and where big scenes are.
+//!
+//! The tests themselves are in `tests/`, one file per section of what is promised: exact answers, invariants, materials and
+//! lights, geometry, accuracy.
+
+use std::path::{Path, PathBuf};
+
+use hplt::basis::{
+    Absolute, ApproximateNearest, BasisOptions, Coefficients, Coverage, ExactShepard, Reconstruction, ShepardBasis,
+};
+use hplt::geom::{Bvh, BvhOptions, NoProgress, OrientedPoint, Rgb, Scene, glam::Vec3};
+use hplt::sampling::{Hierarchy, HierarchyOptions, Radius, Regions, poisson_hierarchy, random::Stage};
+use hplt::transport::{
+    DirectLight, DirectOptions, Error, FinalGather, FinalGatherOptions, Model, Sender, Solution, TransportOptions,
+    TransportReport, direct_irradiance, final_gather, project_direct, transport_absolute, transport_delta,
+};
+
+/// How a scene is solved.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// Levels of the hierarchy.
+    pub n_levels: usize,
+    /// Coarsest Poisson radius as a fraction of the diagonal.
+    pub radius: f64,
+    /// Direct light.
+    pub direct: DirectOptions,
+    /// Bounces.
+    pub transport: TransportOptions,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            n_levels: 4,
+            radius: 0.085,
+            direct: DirectOptions::projection(),
+            transport: TransportOptions { n_rays: 256, ..TransportOptions::production() },
+        }
+    }
+}
+
+/// A scene with everything up to the basis.
+pub struct Prepared {
+    /// The scene.
+    pub scene: Scene,
+    /// Its rays.
+    pub bvh: Bvh,
+    /// Regions of the air.
+    pub regions: Regions,
+    /// The function space.
+    pub basis: ShepardBasis,
+    /// How it is solved.
+    pub setup: Setup,
+}
+
+/// The solution in absolute encoding.
+pub struct Solved {
+    /// Direct irradiance.
+    pub direct: Coefficients<Absolute>,
+    /// Indirect irradiance.
+    pub indirect: Coefficients<Absolute>,
+    /// What the bounces did.
+    pub report: TransportReport,
+}
+
+impl Prepared {
+    /// Builds BVH, hierarchy and basis.
+    pub fn new(scene: Scene, setup: Setup) -> Self {
+        let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+        let options = HierarchyOptions {
+            n_levels: setup.n_levels,
+            coarsest_radius: Radius::Fraction(setup.radius),
+            ..HierarchyOptions::production()
+        };
+        let Hierarchy { points, regions, .. } =
+            poisson_hierarchy(&scene, &bvh, &options, &NoProgress).expect("the options are in range");
+        let basis = ShepardBasis::build(points, BasisOptions::default());
+        Self { scene, bvh, regions, basis, setup }
+    }
+
+    /// What every stage of the transport reads.
+    pub fn model(&self) -> Model<'_> {
+        Model { scene: &self.scene, caster: &self.bvh, basis: &self.basis }
+    }
+
+    /// The lights.
+    pub fn light(&self) -> DirectLight<'_> {
+        DirectLight::new(&self.scene, self.setup.direct)
+    }
+
+    /// Direct light on the hierarchy.
+    pub fn project(&self) -> Coefficients<Absolute> {
+        project_direct(&self.model(), &self.light(), &NoProgress).expect("nothing interrupts")
+    }
+
+    /// Solves by the absolute variant with nearest senders.
+    ///
+    /// # Errors
+    /// As [`transport_absolute`].
+    pub fn solve(&self) -> Result<Solved, Error> {
+        let direct = self.project();
+        let options = &self.setup.transport;
+        let Solution { indirect, report } =
+            transport_absolute(&self.model(), &direct, &ApproximateNearest, &options.threshold, options, &NoProgress)?;
+        Ok(Solved { direct, indirect, report })
+    }
+
+    /// Solves by the delta variant with Shepard senders and returns the values.
+    ///
+    /// # Errors
+    /// As [`transport_delta`].
+    pub fn solve_delta(&self) -> Result<Solved, Error> {
+        let direct = self.project();
+        let options = &self.setup.transport;
+        let delta = hplt::basis::delta_from_absolute(&self.basis, &direct);
+        let Solution { indirect, report } =
+            transport_delta(&self.model(), &delta, &ExactShepard, &options.threshold, options, &NoProgress)?;
+        Ok(Solved { direct, indirect: hplt::basis::absolute_from_delta(&self.basis, &indirect), report })
+    }
+
+    /// Points given by position and normal in scene space, with their regions.
+    pub fn locate(&self, points: &[(Vec3, Vec3)]) -> Vec<OrientedPoint> {
+        let regions = self.regions.locate(&self.scene, &self.bvh, points);
+        points
+            .iter()
+            .zip(regions)
+            .map(|(&(position, normal), region)| OrientedPoint { position, normal, region, area: 0.0 })
+            .collect()
+    }
+
+    /// Direct irradiance at points, at measurement quality.
+    pub fn direct_at(&self, points: &[OrientedPoint]) -> Vec<Rgb> {
+        let options = DirectOptions { estimator: self.setup.direct.estimator, ..DirectOptions::measurement() };
+        let light = DirectLight::new(&self.scene, options);
+        direct_irradiance(&light, &self.bvh, points, Stage::Error, &NoProgress).expect("nothing interrupts")
+    }
+
+    /// A field interpolated at points, on all levels.
+    pub fn interpolate(&self, field: &Coefficients<Absolute>, points: &[OrientedPoint]) -> (Vec<Rgb>, Coverage) {
+        let mut out = vec![Rgb::ZERO; points.len()];
+        let coverage = ExactShepard.reconstruct(&self.basis, field, self.basis.n_levels(), points, &mut out);
+        (out, coverage)
+    }
+
+    /// Indirect irradiance at points by a final gather.
+    pub fn gather(&self, solved: &Solved, points: &[OrientedPoint], n_rays: u32) -> Vec<FinalGather> {
+        let total = solved.direct.plus(&solved.indirect);
+        let sender = Sender { coefficients: &total, reconstruction: &ApproximateNearest, n_levels: usize::MAX };
+        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1 };
+        final_gather(&self.model(), &sender, points, options, &NoProgress).expect("nothing interrupts")
+    }
+}
+
+impl Solved {
+    /// Total irradiance on the finest level.
+    pub fn finest(&self) -> Vec<Rgb> {
+        let top = self.direct.n_levels() - 1;
+        self.direct.level(top).iter().zip(self.indirect.level(top)).map(|(d, i)| *d + *i).collect()
+    }
+}
+
+/// The path of a big scene file below the folder that `HPLT_SCENES` names, or `../shared/scenes` beside the checkout. `None`
+/// is logged, so that `cargo xtask test` can count what was skipped.
+pub fn big_scene(relative: &str) -> Option<PathBuf> {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent()?;
+    let folder = std::env::var_os("HPLT_SCENES")
+        .map_or_else(|| workspace.join("..").join("shared").join("scenes"), PathBuf::from);
+    let path = folder.join(relative);
+    if path.is_file() {
+        return Some(path);
+    }
+    eprintln!("skipped: {relative} is not there");
+    if let Some(log) = std::env::var_os("HPLT_SKIP_LOG") {
+        use std::io::Write;
+        let file = std::fs::OpenOptions::new().append(true).create(true).open(log);
+        // The log only counts skips: a test does not fail for it.
+        let _ = file.and_then(|mut f| writeln!(f, "{relative}"));
+    }
+    None
+}

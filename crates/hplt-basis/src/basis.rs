@@ -31,6 +31,36 @@ pub struct Weight {
     pub weight: f32,
 }
 
+/// Points where the weights of a level sum to less are not covered by it: a sum this small is rounding noise at the rim of
+/// a support, and dividing by it would amplify the noise.
+pub const MIN_WEIGHT_SUM: f32 = 1e-6;
+
+/// The shape that all functions of a level share.
+#[derive(Debug, Clone, Copy)]
+pub struct Footprint {
+    support: f32,
+    inverse_support: f32,
+    kernel: Kernel,
+}
+
+impl Footprint {
+    /// The support radius `b`, scene units: beyond this distance every weight is 0.
+    pub fn support(&self) -> f32 {
+        self.support
+    }
+
+    /// The unnormalised weight `w_i` at `query` of the function at `point`.
+    #[inline]
+    pub fn weight(&self, point: &OrientedPoint, query: &OrientedPoint) -> f32 {
+        let cosine = query.normal.dot(point.normal);
+        if cosine <= SAME_SIDE || point.region != query.region {
+            return 0.0;
+        }
+        let distance = distance_squared(query.position - point.position, point.normal).sqrt();
+        (self.kernel)(distance * self.inverse_support) * cosine * cosine
+    }
+}
+
 /// The Shepard bases of all levels of a hierarchy, with a kd-tree per level and the parents of every function.
 #[derive(Debug)]
 pub struct ShepardBasis {
@@ -92,18 +122,11 @@ impl ShepardBasis {
     /// order of the tree, and returns their sum.
     pub fn raw_weights(&self, level: usize, query: &OrientedPoint, weights: &mut Vec<Weight>) -> f32 {
         weights.clear();
-        let support = self.support(level);
-        let inverse = 1.0 / support;
+        let footprint = self.footprint(level);
         let points = self.points(level);
         let mut sum = 0.0;
-        self.trees[level].within(query.position, support, |id, _| {
-            let point = &points[id as usize];
-            let cosine = query.normal.dot(point.normal);
-            if cosine <= SAME_SIDE || point.region != query.region {
-                return;
-            }
-            let distance = distance_squared(query.position - point.position, point.normal).sqrt();
-            let weight = (self.options.kernel)(distance * inverse) * cosine * cosine;
+        self.trees[level].within(query.position, footprint.support, |id, _| {
+            let weight = footprint.weight(&points[id as usize], query);
             if weight > 0.0 {
                 sum += weight;
                 weights.push(Weight { function: id, weight });
@@ -112,12 +135,17 @@ impl ShepardBasis {
         sum
     }
 
+    /// The shape that all functions of a level share, for callers that find the functions themselves.
+    pub fn footprint(&self, level: usize) -> Footprint {
+        let support = self.support(level);
+        Footprint { support, inverse_support: 1.0 / support, kernel: self.options.kernel }
+    }
+
     /// Replaces `weights` by the basis functions `B_i` of `level` at `query`, which sum to 1, and returns true; or
     /// leaves it empty and returns false where no function covers the point.
     pub fn weights(&self, level: usize, query: &OrientedPoint, weights: &mut Vec<Weight>) -> bool {
         let sum = self.raw_weights(level, query, weights);
-        // A sum this small is rounding noise at the rim of a support; dividing by it would amplify the noise.
-        if sum < 1e-6 {
+        if sum < MIN_WEIGHT_SUM {
             weights.clear();
             return false;
         }

@@ -16,7 +16,7 @@ pub struct Absolute;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coefficients<E> {
     levels: Vec<Vec<Rgb>>,
-    encoding: PhantomData<E>,
+    encoding: PhantomData<fn() -> E>,
 }
 
 impl<E> Coefficients<E> {

@@ -26,7 +26,7 @@ mod kernel;
 mod parents;
 mod reconstruction;
 
-pub use basis::{BasisOptions, ShepardBasis, Weight};
+pub use basis::{BasisOptions, Footprint, MIN_WEIGHT_SUM, ShepardBasis, Weight};
 pub use coefficients::{Absolute, Coefficients, Delta, absolute_from_delta, delta_from_absolute, restrict};
 pub use coverage::Coverage;
 pub use kernel::{Kernel, distance_squared, smoothstep};

@@ -127,12 +127,7 @@ fn restriction_keeps_the_power_of_a_patch_smaller_than_a_coarse_function() {
     finest[hot] = Rgb::ONE;
     let field = restrict(&basis, finest);
     let fine_power = basis.points(3)[hot].area;
-    let coarse_power: f32 = basis
-        .points(0)
-        .iter()
-        .zip(field.level(0))
-        .map(|(p, c)| p.area * c.x)
-        .sum();
+    let coarse_power: f32 = basis.points(0).iter().zip(field.level(0)).map(|(p, c)| p.area * c.x).sum();
     // Coarse areas are those of the grid, not of the restriction: the powers agree to the irregularity of the grid.
     assert!((coarse_power / fine_power - 1.0).abs() < 0.5, "{coarse_power} {fine_power}");
     // Point sampling, the rejected alternative, would have lost it on every coarse level.

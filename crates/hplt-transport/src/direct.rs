@@ -1,4 +1,4 @@
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use hplt_basis::{Absolute, Coefficients, ShepardBasis, restrict};
 use hplt_geom::radiometry::irradiance_from_uniform_radiance;
 use hplt_geom::{
@@ -246,7 +246,7 @@ impl PointSampler<'_> {
         let n = self.light.options.light_samples;
         let scramble = self.seeds.of(0, index);
         for k in 0..n {
-            let (u, v) = warp::triangle(sobol::sobol_2d(k, scramble, 0));
+            let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
             let target = emitter.point(u, v);
             let exitance = emitter.exitance(self.light.scene, u, v);
             let brings = exitance * (emitter.kernel(position, normal, target) / n as f32);
@@ -271,7 +271,7 @@ impl PointSampler<'_> {
         for k in 0..n {
             let choice = sobol::sobol_2d(k, scramble, 1);
             let (emitter, probability, _) = self.light.emitters.choose(choice.x);
-            let (u, v) = warp::triangle(sobol::sobol_2d(k, scramble, 0));
+            let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
             let target = emitter.point(u, v);
             let weight = emitter.kernel(position, normal, target) / (n as f32 * probability);
             let brings = emitter.exitance(self.light.scene, u, v) * weight;
@@ -285,12 +285,11 @@ impl PointSampler<'_> {
         shadows.clear();
         let n = self.light.options.sky_samples;
         let scramble = self.seeds.of(2, 0);
-        let frame = warp::Frame::around(self.point.normal);
+        let normal = self.point.normal;
         for k in 0..n {
-            let local = warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0));
-            let direction = frame.to_world(local);
+            let direction = warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0), normal);
             let brings = match &self.light.sky {
-                Some(sampler) => sampler.weighted(environment, direction, local.z, n),
+                Some(sampler) => sampler.weighted(environment, direction, normal.dot(direction), n),
                 None => irradiance_from_uniform_radiance(environment.radiance(direction)) / n as f32,
             };
             shadows.push(Ray::new(self.origin, direction), brings);
@@ -298,7 +297,7 @@ impl PointSampler<'_> {
         if let Some(sampler) = &self.light.sky {
             for k in 0..n {
                 let (direction, _) = sampler.sample(environment, sobol::sobol_2d(k, scramble, 1));
-                let brings = sampler.weighted(environment, direction, self.point.normal.dot(direction), n);
+                let brings = sampler.weighted(environment, direction, normal.dot(direction), n);
                 shadows.push(Ray::new(self.origin, direction), brings);
             }
         }
@@ -329,14 +328,15 @@ impl PointSampler<'_> {
             LightShape::Directional { direction_to_light, irradiance, angular_radius } => {
                 let n = if angular_radius > 0.0 { self.light.options.light_samples } else { 1 };
                 let scramble = self.seeds.of(3, index);
-                let frame = warp::Frame::around(direction_to_light);
+                // The mean cosine over the disc, so that a facing surface receives exactly `irradiance`.
+                let facing = 0.5 * (1.0 + angular_radius.cos());
                 for k in 0..n {
                     let direction = if n == 1 {
                         direction_to_light
                     } else {
-                        frame.to_world(warp::uniform_cone(sobol::sobol_2d(k, scramble, 0), angular_radius))
+                        warp::uniform_cone(sobol::sobol_2d(k, scramble, 0), direction_to_light, angular_radius)
                     };
-                    let brings = irradiance * (normal.dot(direction).max(0.0) / n as f32);
+                    let brings = irradiance * (normal.dot(direction).max(0.0) / (n as f32 * facing));
                     shadows.push(Ray::new(self.origin, direction), brings);
                 }
             }
@@ -350,11 +350,9 @@ impl PointSampler<'_> {
         let scene = self.light.scene;
         let n = self.light.options.sky_samples;
         let scramble = self.seeds.of(4, 0);
-        let frame = warp::Frame::around(self.point.normal);
         shadows.rays.clear();
         shadows.rays.extend((0..n).map(|k| {
-            let local = warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0));
-            Ray::new(self.origin, frame.to_world(local))
+            Ray::new(self.origin, warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0), self.point.normal))
         }));
         shadows.hits.clear();
         shadows.hits.resize(n as usize, Hit::MISS);

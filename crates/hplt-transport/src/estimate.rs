@@ -3,7 +3,7 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{Model, Sender, final_gather};
+use crate::{FinalGatherOptions, Model, Sender, final_gather};
 
 /// How far a solution is from its own gather, at points that are no functions. Relative to the total irradiance there, by
 /// luminance, with a floor of 1 % of the mean.
@@ -19,10 +19,22 @@ pub struct ErrorEstimate {
     pub n_points: usize,
 }
 
-/// Measures the interpolated solution against gathers of `n_rays` fresh rays at `points`, which should be random.
+/// Where and how the error is measured.
+#[derive(Debug, Clone, Copy)]
+pub struct ErrorProbe<'a> {
+    /// Random points that are no functions.
+    pub points: &'a [OrientedPoint],
+    /// The direct irradiance there.
+    pub direct: &'a [Rgb],
+    /// Fresh rays per point; a power of two.
+    pub n_rays: u32,
+    /// Seed of the rays.
+    pub seed: u64,
+}
+
+/// Measures the interpolated solution against gathers of fresh rays.
 ///
-/// `sender` is the total (direct and indirect) irradiance, `indirect` the part that displays interpolate, and `direct` the
-/// direct irradiance at the points. The estimate does not see errors that interpolation and gather share: senders too coarse
+/// `sender` is the total (direct and indirect) irradiance, `indirect` the part that displays interpolate. The estimate does not see errors that interpolation and gather share: senders too coarse
 /// for a shadow, bounces left out ([`TransportReport::truncation_bound`](crate::TransportReport)).
 ///
 /// # Errors
@@ -32,12 +44,12 @@ pub fn estimate_error<E>(
     sender: &Sender<'_, E>,
     indirect: &Coefficients<E>,
     reconstruction: &dyn Reconstruction<E>,
-    (points, direct): (&[OrientedPoint], &[Rgb]),
-    n_rays: u32,
-    seed: u64,
+    probe: ErrorProbe<'_>,
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
-    let fresh = final_gather(model, sender, points, n_rays, (Stage::Error, seed), progress)?;
+    let ErrorProbe { points, direct, n_rays, seed } = probe;
+    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed };
+    let fresh = final_gather(model, sender, points, options, progress)?;
     let mut interpolated = vec![Rgb::ZERO; points.len()];
     reconstruction.reconstruct(model.basis, indirect, model.basis.n_levels(), points, &mut interpolated);
     let total: Vec<f64> =

@@ -52,26 +52,18 @@ pub(crate) struct Scratch {
     values: Vec<Rgb>,
 }
 
-/// The cosine-distributed rays of a receiver and where they arrive.
-pub(crate) struct Arrivals<'s> {
-    pub rays: &'s [Ray],
-    pub hits: &'s [Hit],
-}
-
 impl Scratch {
     /// Traces `n_rays` cosine-distributed rays from `receiver`: hash-Owen-scrambled Sobol points, scrambled by receiver.
-    pub fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) -> Arrivals<'_> {
+    fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
         let origin = offset_origin(receiver.position, receiver.normal);
-        let frame = warp::Frame::around(receiver.normal);
         self.rays.clear();
         self.rays.extend(
             (0..n_rays)
-                .map(|k| Ray::new(origin, frame.to_world(warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0))))),
+                .map(|k| Ray::new(origin, warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0), receiver.normal))),
         );
         self.hits.clear();
         self.hits.resize(self.rays.len(), Hit::MISS);
         model.caster.trace_nearest(&self.rays, &mut self.hits);
-        Arrivals { rays: &self.rays, hits: &self.hits }
     }
 }
 
@@ -173,10 +165,19 @@ pub struct FinalGather {
     pub escaped: u32,
 }
 
-/// The indirect irradiance at arbitrary points by a gather of `n_rays` (a power of two) each over `sender`, the total
-/// (direct and indirect) irradiance. The error of the basis enters only after one more bounce.
-///
-/// `stage` and `seed` select the rays: [`Stage::Error`] gives rays that no solver stage has used.
+/// The rays of a final gather.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FinalGatherOptions {
+    /// Rays per point; a power of two, at least 8.
+    pub n_rays: u32,
+    /// With the seed it selects the rays: [`Stage::Error`] gives rays that no solver stage has used.
+    pub stage: Stage,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// The indirect irradiance at arbitrary points by a gather each over `sender`, the total (direct and indirect) irradiance.
+/// The error of the basis enters only after one more bounce.
 ///
 /// # Errors
 /// When interrupted.
@@ -184,8 +185,7 @@ pub fn final_gather<E>(
     model: &Model<'_>,
     sender: &Sender<'_, E>,
     points: &[OrientedPoint],
-    n_rays: u32,
-    (stage, seed): (Stage, u64),
+    options: FinalGatherOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<FinalGather>, Interrupted> {
     let counter = Counter::new(progress, "final gather", points.len());
@@ -194,9 +194,9 @@ pub fn final_gather<E>(
         if points[i].region == RegionId::DARK {
             return Ok(FinalGather { irradiance: Rgb::ZERO, noise: Rgb::ZERO, escaped: 0 });
         }
-        let scramble = scramble(seed, stage, i as u32);
-        let Gathered { irradiance, noise, escaped, .. } =
-            gather(model, sender, &points[i], scramble, n_rays.max(GROUPS as u32), scratch);
+        let scramble = scramble(options.seed, options.stage, i as u32);
+        let n_rays = options.n_rays.max(GROUPS as u32);
+        let Gathered { irradiance, noise, escaped, .. } = gather(model, sender, &points[i], scramble, n_rays, scratch);
         Ok(FinalGather { irradiance, noise, escaped })
     })
 }

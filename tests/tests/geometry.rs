@@ -1,0 +1,198 @@
+//! Geometry: no leaks, sides, needles, regions.
+
+use hplt::geom::glam::{DVec3, Vec3};
+use hplt::geom::{Material, OrientedPoint, Rgb, SceneBuilder};
+use hplt::reference::scenes::{self, Shape};
+use hplt_tests::{Prepared, Setup, Solved};
+
+/// A grid of points on an axis-aligned rectangle, world space, lifted onto the surface.
+fn grid(prepared: &Prepared, corner: DVec3, u: DVec3, v: DVec3, n: usize) -> Vec<OrientedPoint> {
+    let normal = u.cross(v).normalize().as_vec3();
+    let frame = prepared.scene.frame();
+    let points: Vec<(Vec3, Vec3)> = (0..n * n)
+        .map(|i| {
+            let (a, b) = ((i % n) as f64 + 0.5, (i / n) as f64 + 0.5);
+            let world = corner + u * (a / n as f64) + v * (b / n as f64);
+            (frame.scene_from_world_point(world), normal)
+        })
+        .collect();
+    prepared.locate(&points)
+}
+
+/// Total irradiance at points by interpolation, and by a final gather.
+fn totals(prepared: &Prepared, solved: &Solved, points: &[OrientedPoint]) -> [Vec<Rgb>; 2] {
+    let direct = prepared.direct_at(points);
+    let (indirect, _) = prepared.interpolate(&solved.indirect, points);
+    let gathered = prepared.gather(solved, points, 256);
+    [
+        direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect(),
+        direct.iter().zip(&gathered).map(|(d, g)| *d + g.irradiance).collect(),
+    ]
+}
+
+fn all_black(values: &[Vec<Rgb>; 2]) -> bool {
+    values.iter().flatten().all(|v| *v == Rgb::ZERO)
+}
+
+fn all_lit(values: &[Vec<Rgb>; 2]) -> bool {
+    values.iter().flatten().all(|v| v.min_element() > 0.0)
+}
+
+/// D2: one emitting triangle receives nothing on either side, not even from itself.
+#[test]
+fn d2_one_triangle_does_not_light_itself() {
+    let mut builder = SceneBuilder::new();
+    let lamp = builder.push_material(Material::emitter("lamp", Rgb::splat(0.8), Rgb::ONE));
+    Shape::new().triangle([DVec3::ZERO, DVec3::X, DVec3::Y]).push_into(&mut builder, "t", lamp);
+    let prepared = Prepared::new(scenes::build(builder), Setup::default());
+    let solved = prepared.solve().unwrap();
+    assert!(solved.finest().iter().all(|e| *e == Rgb::ZERO));
+    for normal in [Vec3::Z, Vec3::NEG_Z] {
+        let at = prepared.scene.frame().scene_from_world_point(DVec3::new(0.2, 0.2, 0.0));
+        let point = [OrientedPoint { position: at, normal, region: hplt::geom::RegionId(0), area: 0.0 }];
+        assert_eq!(prepared.direct_at(&point)[0], Rgb::ZERO);
+    }
+}
+
+/// D8, D9: a dark room behind a wall of any thickness, zero included, stays exactly black, and the lit room is lit.
+#[test]
+fn d9_a_dark_room_behind_a_thin_wall_is_exactly_black() {
+    for thickness in [0.0, 1e-4, 0.01, 0.1, 0.3] {
+        let prepared = Prepared::new(scenes::build(scenes::two_rooms(thickness)), Setup::default());
+        let solved = prepared.solve().unwrap();
+        assert_eq!(solved.report.n_escaped(), 0, "thickness {thickness}");
+        let t = thickness;
+        let dark = [
+            // The wall's dark side, then floor and ceiling of the dark room right up to the wall.
+            grid(&prepared, DVec3::new(t, 0.0, 0.0), DVec3::Y, DVec3::Z, 12),
+            grid(&prepared, DVec3::new(t, 0.0, 0.0), DVec3::Z, DVec3::X * 0.2, 24),
+            grid(&prepared, DVec3::new(t, 1.0, 0.0), DVec3::X * 0.2, DVec3::Z, 24),
+        ];
+        for points in dark {
+            assert!(all_black(&totals(&prepared, &solved, &points)), "thickness {thickness}");
+        }
+        let lit = [
+            grid(&prepared, DVec3::ZERO, DVec3::Z, DVec3::Y, 12),
+            grid(&prepared, DVec3::new(-0.2, 0.0, 0.0), DVec3::Z, DVec3::X * 0.2, 12),
+        ];
+        for points in lit {
+            assert!(all_lit(&totals(&prepared, &solved, &points)), "thickness {thickness}");
+        }
+    }
+}
+
+/// D12: a closed room inside a lit one.
+#[test]
+fn d12_a_nested_room_is_exactly_black() {
+    let prepared = Prepared::new(scenes::build(scenes::nested_rooms()), Setup::default());
+    let solved = prepared.solve().unwrap();
+    let inner_floor = grid(&prepared, DVec3::splat(-0.5), DVec3::Z, DVec3::X, 16);
+    assert!(all_black(&totals(&prepared, &solved, &inner_floor)));
+    let top = grid(&prepared, DVec3::new(-0.501, 0.501, -0.501), DVec3::Z * 1.002, DVec3::X * 1.002, 16);
+    assert!(all_lit(&totals(&prepared, &solved, &top)));
+}
+
+/// The floor under a box that stands on it gets no functions and no light; right beside the box it is lit.
+#[test]
+fn under_a_box_is_black_and_beside_it_is_not() {
+    let prepared = Prepared::new(scenes::build(scenes::box_on_floor()), Setup::default());
+    let solved = prepared.solve().unwrap();
+    let under = grid(&prepared, DVec3::new(0.751, 0.0, 0.751), DVec3::Z * 0.498, DVec3::X * 0.498, 16);
+    assert!(all_black(&totals(&prepared, &solved, &under)));
+    let beside = grid(&prepared, DVec3::new(1.251, 0.0, 0.751), DVec3::Z * 0.5, DVec3::X * 0.05, 16);
+    assert!(all_lit(&totals(&prepared, &solved, &beside)));
+    for level in 0..prepared.basis.n_levels() {
+        for point in prepared.basis.points(level) {
+            let world = prepared.scene.frame().world_from_scene_point(point.position);
+            let inside = (world - DVec3::new(1.0, 0.25, 1.0)).abs().cmplt(DVec3::new(0.2499, 0.2501, 0.2499)).all();
+            assert!(!inside, "level {level}: a function under or in the box at {world}");
+        }
+    }
+}
+
+/// D10: the two sides of a single sheet are independent: lamp above, dark closed half-room below.
+#[test]
+fn d10_the_sides_of_a_sheet_are_independent() {
+    let mut builder = SceneBuilder::new();
+    let white = builder.push_material(Material::diffuse("white", Rgb::splat(0.6)));
+    Shape::new().room(DVec3::ZERO, DVec3::ONE).push_into(&mut builder, "room", white);
+    let h = 0.5;
+    let at = |x: f64, z: f64| DVec3::new(x, h, z);
+    Shape::new().quad([at(0.0, 0.0), at(0.0, 1.0), at(1.0, 1.0), at(1.0, 0.0)]).push_into(&mut builder, "sheet", white);
+    builder.push_point_light("lamp", DVec3::new(0.5, 0.8, 0.5), Rgb::ONE);
+    let prepared = Prepared::new(scenes::build(builder), Setup::default());
+    let solved = prepared.solve().unwrap();
+    let above = grid(&prepared, at(0.0, 0.0), DVec3::Z, DVec3::X, 10);
+    let below = grid(&prepared, at(0.0, 0.0), DVec3::X, DVec3::Z, 10);
+    assert!(all_lit(&totals(&prepared, &solved, &above)));
+    assert!(all_black(&totals(&prepared, &solved, &below)));
+}
+
+/// D3: walls cut into needles of aspect 10⁶ do not leak and do not change the furnace.
+#[test]
+fn d3_needle_walls_do_not_leak() {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(Material::emitter("wall", Rgb::splat(0.5), Rgb::ONE));
+    let mut room = Shape::new();
+    room.room(DVec3::ZERO, DVec3::ONE);
+    // Replace one wall: fans of slivers between two corners and points 1e-6 apart on the far edge.
+    room.triangles.truncate(room.triangles.len() - 2);
+    let kept = room.triangles.len();
+    let mut full = Shape::new();
+    full.room(DVec3::ZERO, DVec3::ONE);
+    for triangle in &full.triangles[kept..] {
+        let [a, b, c] = triangle.map(|v| full.positions[v as usize]);
+        let mut before = b;
+        for i in 1..=8 {
+            let next = if i == 8 { c } else { b + (c - b) * (f64::from(i) * 1e-6) };
+            room.triangle([a, before, next]);
+            before = next;
+        }
+    }
+    room.push_into(&mut builder, "needles", wall);
+    let setup = Setup { n_levels: 3, ..Setup::default() };
+    let prepared = Prepared::new(scenes::build(builder), setup);
+    let solved = prepared.solve().unwrap();
+    assert_eq!(solved.report.n_escaped(), 0);
+    for e in solved.finest() {
+        assert!((e / 2.0 - Rgb::ONE).abs().max_element() < 2e-3, "{e}");
+    }
+}
+
+/// D11: irradiance does not bleed round an inside corner between a lit and a black-walled side of an edge: near a step
+/// lower than the Poisson radius the error stays small and shrinks with the radius.
+#[test]
+fn d11_a_low_step_does_not_bleed() {
+    let step = 0.02;
+    let errors: Vec<f64> = [3, 5]
+        .into_iter()
+        .map(|n_levels| {
+            let mut builder = SceneBuilder::new();
+            let white = builder.push_material(Material::diffuse("white", Rgb::splat(0.7)));
+            Shape::new().room(DVec3::ZERO, DVec3::ONE).push_into(&mut builder, "room", white);
+            Shape::new().cuboid(DVec3::new(0.5, 0.0, 0.2), DVec3::new(0.8, step, 0.8)).push_into(
+                &mut builder,
+                "step",
+                white,
+            );
+            builder.push_point_light("lamp", DVec3::new(0.2, 0.9, 0.5), Rgb::ONE);
+            let prepared = Prepared::new(scenes::build(builder), Setup { n_levels, ..Setup::default() });
+            let solved = prepared.solve().unwrap();
+            let shade = grid(&prepared, DVec3::new(0.801, 0.0, 0.3), DVec3::Z * 0.4, DVec3::X * 0.05, 12);
+            let lit = grid(&prepared, DVec3::new(0.5, step, 0.3), DVec3::Z * 0.4, DVec3::X * 0.05, 12);
+            let points = [shade, lit].concat();
+            let (interpolated, _) = prepared.interpolate(&solved.indirect, &points);
+            let direct = prepared.direct_at(&points);
+            let gathered = prepared.gather(&solved, &points, 1024);
+            let sum: f64 = (0..points.len())
+                .map(|i| {
+                    let truth = direct[i] + gathered[i].irradiance;
+                    f64::from((interpolated[i] - gathered[i].irradiance).abs().max_element() / truth.max_element())
+                })
+                .sum();
+            sum / points.len() as f64
+        })
+        .collect();
+    println!("mean error beside a step: {errors:?}");
+    assert!(errors[1] < 0.05 && errors[1] < errors[0], "{errors:?}");
+}
