@@ -19,6 +19,10 @@
 //! radiosity, blurs it.
 #![forbid(unsafe_code)]
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;
+
 mod basis;
 mod coefficients;
 mod coverage;
