@@ -34,13 +34,13 @@ fn benches(criterion: &mut Criterion) {
     let queries = box_surface(N_QUERIES, 2);
     let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
     let ours = KdTree::build(&points);
-    let theirs: ImmutableKdTree<f32, u32, 3> = ImmutableKdTree::new_from_slice(&arrays).expect("finite points");
+    let theirs: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&arrays).expect("finite points");
 
     let mut build = criterion.benchmark_group("build 167k");
     build.sample_size(10);
     build.bench_function("hplt", |b| b.iter(|| KdTree::build(black_box(&points))));
     build.bench_function("kiddo", |b| {
-        b.iter(|| ImmutableKdTree::<f32, u32, 3>::new_from_slice(black_box(&arrays)).expect("finite points"))
+        b.iter(|| ImmutableKdTree::<f32, 3>::new_from_slice(black_box(&arrays)).expect("finite points"))
     });
     build.finish();
 
@@ -56,7 +56,8 @@ fn benches(criterion: &mut Criterion) {
     group.bench_function("within, kiddo", |b| {
         b.iter(|| {
             let found = |q: &Vec3| {
-                let within = theirs.query(&q.to_array()).within::<SquaredEuclidean<f32>>(RADIUS * RADIUS);
+                let center = q.to_array();
+                let within = theirs.query(&center).within::<SquaredEuclidean<f32>>(RADIUS * RADIUS);
                 within.unsorted().execute().iter().map(|item| u64::from(item.item)).sum::<u64>()
             };
             queries.iter().map(found).sum::<u64>()

@@ -56,7 +56,7 @@ proptest! {
         // Exactly as far as some point: the boundary is included.
         let radius = distance_squared(center, any_point(&reach)).sqrt();
         prop_assert_eq!(within(&tree, center, radius), brute_within(&points, center, radius));
-        let accept = |id: u32| id % modulus == 0;
+        let accept = |id: u32| id.is_multiple_of(modulus);
         for radius in [radius, f32::INFINITY] {
             prop_assert_eq!(tree.nearest(center, radius, accept), brute_nearest(&points, center, radius, accept));
         }
@@ -66,7 +66,7 @@ proptest! {
     fn approximate_nearest_is_an_accepted_point_at_the_distance_it_says(points in clouds(), at in -2f32..2.0) {
         let tree = KdTree::build(&points);
         let center = Vec3::new(at, -at, 0.3);
-        let accept = |id: u32| id % 2 == 0;
+        let accept = |id: u32| id.is_multiple_of(2);
         if let Some((id, d)) = tree.approximate_nearest(center, accept) {
             prop_assert!(accept(id) && d == distance_squared(points[id as usize], center));
         }

@@ -1,0 +1,99 @@
+//! Maps from the unit square to discs, directions and triangles, each with its density.
+
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+
+use glam::{Mat3, Vec2, Vec3};
+use hplt_geom::radiometry::{cone_solid_angle, cosine_pdf_solid_angle};
+
+/// The least cosine that [`cosine_hemisphere`] returns, so that no ray runs along its surface.
+pub const MIN_COSINE: f32 = 1e-6;
+
+/// A right-handed orthonormal basis whose third column is the unit vector `normal` (Duff et al., "Building an Orthonormal
+/// Basis, Revisited", JCGT 6(1), 2017, listing 3).
+pub fn orthonormal_basis(normal: Vec3) -> Mat3 {
+    let sign = 1f32.copysign(normal.z);
+    let a = -1.0 / (sign + normal.z);
+    let b = normal.x * normal.y * a;
+    let tangent = Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x);
+    let bitangent = Vec3::new(b, sign + normal.y * normal.y * a, -normal.y);
+    Mat3::from_cols(tangent, bitangent, normal)
+}
+
+/// A point of the unit disc, uniform in area, neighbours staying neighbours (Shirley & Chiu, "A Low Distortion Map
+/// Between Disk and Square", 1997).
+pub fn concentric_disc(u: Vec2) -> Vec2 {
+    let p = 2.0 * u - Vec2::ONE;
+    if p == Vec2::ZERO {
+        return Vec2::ZERO;
+    }
+    if p.x.abs() > p.y.abs() {
+        let (sin, cos) = sin_cos_octant(FRAC_PI_4 * (p.y / p.x));
+        p.x * Vec2::new(cos, sin)
+    } else {
+        let (sin, cos) = sin_cos_octant(FRAC_PI_4 * (p.x / p.y));
+        p.y * Vec2::new(sin, cos)
+    }
+}
+
+/// Sine and cosine for `|x| <= π/4`: the Taylor polynomials, within 1e-7. The same bits on every platform.
+fn sin_cos_octant(x: f32) -> (f32, f32) {
+    let s = x * x;
+    let sin = x * (1.0 - s * (1.0 / 6.0 - s * (1.0 / 120.0 - s * (1.0 / 5_040.0 - s / 362_880.0))));
+    let cos = 1.0 - s * (0.5 - s * (1.0 / 24.0 - s * (1.0 / 720.0 - s / 40_320.0)));
+    (sin, cos)
+}
+
+/// A unit direction about the unit vector `normal`, with the density of [`cosine_hemisphere_pdf_solid_angle`] (Malley's
+/// method). Its cosine is at least [`MIN_COSINE`].
+pub fn cosine_hemisphere(u: Vec2, normal: Vec3) -> Vec3 {
+    let disc = concentric_disc(u);
+    let z = (1.0 - disc.length_squared()).max(0.0).sqrt().max(MIN_COSINE);
+    orthonormal_basis(normal) * disc.extend(z)
+}
+
+/// The density of [`cosine_hemisphere`] per steradian: `cosθ/π`, 0 below the horizon.
+pub fn cosine_hemisphere_pdf_solid_angle(cos: f32) -> f32 {
+    cosine_pdf_solid_angle(cos)
+}
+
+/// A unit direction about the unit vector `normal`, uniform over the hemisphere.
+pub fn uniform_hemisphere(u: Vec2, normal: Vec3) -> Vec3 {
+    uniform_cone(u, normal, FRAC_PI_2)
+}
+
+/// The density of [`uniform_hemisphere`] per steradian: `1/2π`, 0 below the horizon.
+pub fn uniform_hemisphere_pdf_solid_angle(cos: f32) -> f32 {
+    if cos >= 0.0 { uniform_cone_pdf_solid_angle(FRAC_PI_2) } else { 0.0 }
+}
+
+/// A unit direction uniform over the cone of half-angle `angle` (radians, at most π) about the unit vector `axis`.
+/// Without cancellation: the offset from the axis keeps its relative accuracy for tiny angles.
+pub fn uniform_cone(u: Vec2, axis: Vec3, angle: f32) -> Vec3 {
+    let disc = concentric_disc(u);
+    let sin_half = (0.5 * angle).sin();
+    let height = 2.0 * sin_half * sin_half * disc.length_squared();
+    let lateral = disc * (sin_half * (2.0 * (2.0 - height)).max(0.0).sqrt());
+    orthonormal_basis(axis) * lateral.extend(1.0 - height)
+}
+
+/// The density of [`uniform_cone`] per steradian within the cone; infinite for a cone of angle 0.
+pub fn uniform_cone_pdf_solid_angle(angle: f32) -> f32 {
+    (1.0 / cone_solid_angle(f64::from(angle))) as f32
+}
+
+/// Barycentric weights `(u, v)` of the second and third corner, uniform over a triangle, neighbours staying neighbours
+/// (Heitz, "A Low-Distortion Map Between Triangle and Square", 2019).
+pub fn uniform_triangle(u: Vec2) -> Vec2 {
+    if u.y > u.x {
+        let x = 0.5 * u.x;
+        Vec2::new(x, u.y - x)
+    } else {
+        let y = 0.5 * u.y;
+        Vec2::new(u.x - y, y)
+    }
+}
+
+/// The density of [`uniform_triangle`] per unit area of a triangle of the given area.
+pub fn uniform_triangle_pdf_area(area: f64) -> f64 {
+    1.0 / area
+}
