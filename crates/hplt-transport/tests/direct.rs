@@ -1,0 +1,127 @@
+//! Direct light against closed forms.
+
+use glam::{DVec3, Vec2, Vec3};
+use hplt_geom::{
+    Bvh, BvhOptions, Environment, Image, Material, NoProgress, OrientedPoint, RegionId, Rgb, Scene, SceneBuilder,
+};
+use hplt_reference::scenes::{self, Shape};
+use hplt_sampling::random::Stage;
+use hplt_transport::{DirectEstimator, DirectLight, DirectOptions, direct_irradiance};
+
+/// Point to the middle of a parallel unit square at height 1 (verification case A17).
+const UNIT_SQUARE: f32 = 0.239_456_47;
+
+fn at(scene: &Scene, position: [f64; 3], normal: Vec3) -> OrientedPoint {
+    let position = scene.frame().scene_from_world_point(DVec3::from(position));
+    OrientedPoint { position, normal, region: RegionId(0), area: 0.0 }
+}
+
+fn direct(scene: &Scene, points: &[OrientedPoint], options: DirectOptions) -> Vec<Rgb> {
+    let (bvh, _) = Bvh::build(scene, BvhOptions::default());
+    let light = DirectLight::new(scene, options);
+    direct_irradiance(&light, &bvh, points, Stage::Direct, &NoProgress).unwrap()
+}
+
+/// A floor at y = 0 and a unit square of `n × n` quads at height 1 that emits 1 W/m² downwards.
+fn floor_and_lamp(n: u32) -> SceneBuilder {
+    let mut builder = SceneBuilder::new();
+    let floor = builder.push_material(Material::diffuse("floor", Rgb::splat(0.5)));
+    let lamp = builder.push_material(Material::emitter("lamp", Rgb::ZERO, Rgb::new(1.0, 2.0, 0.5)));
+    let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    Shape::new()
+        .quad([corner(-5.0, 0.0, -5.0), corner(-5.0, 0.0, 5.0), corner(5.0, 0.0, 5.0), corner(5.0, 0.0, -5.0)])
+        .push_into(&mut builder, "floor", floor);
+    let h = 0.5;
+    Shape::new()
+        .grid([corner(-h, 1.0, -h), corner(h, 1.0, -h), corner(h, 1.0, h), corner(-h, 1.0, h)], n, n)
+        .push_into(&mut builder, "lamp", lamp);
+    builder
+}
+
+#[test]
+fn an_unoccluded_lamp_is_exact_whatever_the_samples() {
+    let scene = scenes::build(floor_and_lamp(1));
+    for light_samples in [1, 16] {
+        let options =
+            DirectOptions { light_samples, estimator: DirectEstimator::Lights, ..DirectOptions::projection() };
+        let e = direct(&scene, &[at(&scene, [0.0; 3], Vec3::Y)], options)[0];
+        assert!((e / Rgb::new(1.0, 2.0, 0.5) / UNIT_SQUARE - Rgb::ONE).abs().max_element() < 1e-5, "{e}");
+    }
+    // From behind, below the horizon, and on the back of the floor there is nothing.
+    let dark = [at(&scene, [0.0, 1.5, 0.0], Vec3::NEG_Y), at(&scene, [0.0; 3], Vec3::NEG_Y)];
+    assert_eq!(direct(&scene, &dark, DirectOptions::projection()), [Rgb::ZERO; 2]);
+}
+
+#[test]
+fn many_emitters_the_hemisphere_and_one_emitter_agree() {
+    let options = DirectOptions { estimator: DirectEstimator::Lights, ..DirectOptions::measurement() };
+    let many = scenes::build(floor_and_lamp(16));
+    assert!(DirectLight::new(&many, options).n_emitters() > 500);
+    let e = direct(&many, &[at(&many, [0.0; 3], Vec3::Y)], options)[0];
+    assert!((e.x / UNIT_SQUARE - 1.0).abs() < 5e-3, "many: {e}");
+    let hemisphere = DirectOptions { estimator: DirectEstimator::Hemisphere, ..options };
+    let e = direct(&many, &[at(&many, [0.0; 3], Vec3::Y)], hemisphere)[0];
+    assert!((e.x / UNIT_SQUARE - 1.0).abs() < 5e-3, "hemisphere: {e}");
+}
+
+/// A blocker that hides exactly half of the lamp by symmetry.
+#[test]
+fn half_a_lamp_gives_half_the_light() {
+    let mut builder = floor_and_lamp(1);
+    let black = builder.push_material(Material::diffuse("black", Rgb::ZERO));
+    let corner = |x: f64, z: f64| DVec3::new(x, 0.5, z);
+    Shape::new().quad([corner(0.0, -2.0), corner(0.0, 2.0), corner(2.0, 2.0), corner(2.0, -2.0)]).push_into(
+        &mut builder,
+        "blocker",
+        black,
+    );
+    let scene = scenes::build(builder);
+    let points = vec![at(&scene, [0.0; 3], Vec3::Y); 64];
+    let lit = direct(&scene, &points, DirectOptions { light_samples: 64, ..DirectOptions::projection() });
+    let mean = lit.iter().map(|e| e.x).sum::<f32>() / 64.0;
+    assert!((mean / (0.5 * UNIT_SQUARE) - 1.0).abs() < 5e-3, "{mean}");
+}
+
+/// A map that is nearly constant must give what the constant gives, by the balance heuristic.
+#[test]
+fn a_sky_map_and_a_constant_sky_agree() {
+    let mut map = Image::from_pixels(32, 16, vec![Rgb::splat(2.0); 512]);
+    map.pixels_mut()[100] = Rgb::splat(2.000_001);
+    for environment in [Environment::constant(Rgb::splat(2.0)).unwrap(), Environment::from_map(map).unwrap()] {
+        let mut builder = scenes::single_sheet(Rgb::splat(0.5));
+        builder.set_environment(environment);
+        let scene = scenes::build(builder);
+        let e = direct(&scene, &[at(&scene, [0.0; 3], Vec3::Y)], DirectOptions::measurement())[0];
+        assert!((e.x / (2.0 * std::f32::consts::PI) - 1.0).abs() < 2e-3, "{e}");
+    }
+}
+
+/// The half-bright sky: only directions with x > 0 shine, so an upward point receives half.
+#[test]
+fn half_a_sky_gives_half_the_light() {
+    let pixels = (0..64 * 32).map(|i| if i % 64 >= 32 { Rgb::ONE } else { Rgb::ZERO }).collect();
+    let mut builder = scenes::single_sheet(Rgb::splat(0.5));
+    let environment = Environment::from_map(Image::from_pixels(64, 32, pixels)).unwrap();
+    assert_eq!(environment.radiance(Vec3::X), Rgb::ONE);
+    builder.set_environment(environment);
+    let scene = scenes::build(builder);
+    let e = direct(&scene, &[at(&scene, [0.0; 3], Vec3::Y)], DirectOptions::measurement())[0];
+    assert!((e.x / (0.5 * std::f32::consts::PI) - 1.0).abs() < 3e-3, "{e}");
+}
+
+#[test]
+fn point_and_spot_lights_fall_off_with_distance_and_cosine() {
+    let mut builder = scenes::single_sheet(Rgb::splat(0.5));
+    builder.push_point_light("point", DVec3::new(0.3, 0.4, 0.0), Rgb::splat(2.0));
+    builder.push_spot_light("spot", DVec3::new(0.0, 0.5, 0.0), Vec3::NEG_Y, Rgb::splat(1.0), 0.2, 0.3);
+    let scene = scenes::build(builder);
+    let expected = 2.0 * 0.8 / 0.25 + 1.0 / 0.25;
+    let e = direct(&scene, &[at(&scene, [0.0; 3], Vec3::Y)], DirectOptions::projection())[0];
+    assert!((e.x / expected - 1.0).abs() < 1e-5, "{e} {expected}");
+    // Outside the cone the spot gives nothing.
+    let far = [at(&scene, [-0.4, 0.0, 0.0], Vec3::Y)];
+    let to = Vec2::new(0.7, 0.4);
+    let expected = 2.0 * (0.4 / to.length()) / to.length_squared();
+    let e = direct(&scene, &far, DirectOptions::projection())[0];
+    assert!((e.x / expected - 1.0).abs() < 1e-5, "{e} {expected}");
+}
