@@ -11,7 +11,7 @@ fn furnace_setup() -> Setup {
     Setup {
         n_levels: 2,
         direct: DirectOptions { estimator: DirectEstimator::Hemisphere, ..DirectOptions::projection() },
-        transport: TransportOptions { n_rays: 64, tolerance: 1e-7, ..TransportOptions::production() },
+        transport: TransportOptions { n_rays: 16, tolerance: 1e-7, ..TransportOptions::production() },
         ..Setup::default()
     }
 }
