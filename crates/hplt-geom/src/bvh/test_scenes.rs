@@ -1,8 +1,11 @@
 //! Procedural meshes and rays for tests.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
-use crate::{BuildPolicy, Material, Mesh, MeshInput, Rgb, Scene, SceneBuilder};
+use crate::{
+    AlphaMask, BuildPolicy, Material, Mesh, MeshInput, Rgb, Scene, SceneBuilder, Texture, TextureSlot, UvTransform,
+    Wrap,
+};
 
 /// SplitMix64: numbers in `[0, 1)` that depend on the seed alone.
 pub(super) struct Random(u64);
@@ -118,4 +121,35 @@ pub(super) fn raw_mesh((positions, triangles): Soup) -> Mesh {
         .collect();
     let materials = vec![crate::MaterialId(0); triangles.len()];
     Mesh { positions, triangles, face_normals, materials, uvs: Vec::new(), shading_normals: Vec::new() }
+}
+
+/// `n` coplanar triangles with one centre, all of one size or growing by a millionth each.
+pub(super) fn nested(n: usize, same_size: bool) -> Soup {
+    let mut vertices = Vec::with_capacity(3 * n);
+    for i in 0..n {
+        let size = if same_size { 0.5 } else { 0.25 + 0.25 * i as f32 / n as f32 };
+        vertices.extend([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]].map(|[x, y]: [f32; 2]| Vec3::new(x, y, 0.0) * size));
+    }
+    (vertices, (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
+}
+
+/// Three unit quads that face +z: at z = 0 one with an `n × n` texture that `is_cut` cuts, behind it at -¼ a plain one, in
+/// front at ¼ one whose mask cuts everything.
+pub(super) fn masked_quad(n: u32, is_cut: impl Fn(u32, u32) -> bool) -> Scene {
+    let texels = (0..n * n).map(|i| [255, 255, 255, if is_cut(i % n, i / n) { 0 } else { 255 }]).collect();
+    let texture = Texture::from_rgba8(n, n, texels).unwrap();
+    let slot = TextureSlot { texture, transform: UvTransform::default(), wrap: [Wrap::Repeat; 2] };
+    let mask = |factor, texture| Some(AlphaMask { factor, texture, cutoff: 0.5 });
+    let mut builder = SceneBuilder::new();
+    for (z, alpha) in [(-0.25, None), (0.0, mask(1.0, Some(slot))), (0.25, mask(0.1, None))] {
+        let plain = Material::diffuse("quad", Rgb::splat(0.5));
+        let material = builder.push_material(Material { alpha, ..plain });
+        let uvs = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Vec2::from);
+        let positions = uvs.map(|uv| DVec3::new(f64::from(uv.x) - 0.5, f64::from(uv.y) - 0.5, z));
+        let triangles = &[[0, 1, 2], [0, 2, 3]];
+        builder
+            .push_mesh(MeshInput { name: "quad", positions: &positions, normals: &[], uvs: &uvs, triangles, material })
+            .unwrap();
+    }
+    builder.build(BuildPolicy::default()).unwrap().0
 }
