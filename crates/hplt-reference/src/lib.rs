@@ -6,11 +6,17 @@
 //! * [`scenes`]: procedural scenes, from the Cornell box to a colonnade of a quarter of a million triangles
 //! * [`closed_forms`]: exact answers, with the constants to test against
 //! * [`metrics`]: errors of irradiance at points and of images
+//! * [`path_tracer`]: the reference itself
+//! * [`statistics`]: equivalence tests, standard errors from replicates
 #![forbid(unsafe_code)]
 
 pub mod closed_forms;
 mod error;
 pub mod metrics;
+mod parallel;
+pub mod path_tracer;
 pub mod scenes;
+pub mod statistics;
 
 pub use error::Error;
+pub use path_tracer::PathTracer;
