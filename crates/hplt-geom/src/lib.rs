@@ -50,3 +50,7 @@ pub use radiometry::Rgb;
 pub use ray::{Hit, Ray, RayCaster, offset_origin};
 pub use scene::{BuildPolicy, MeshInput, Scene, SceneBuilder, SceneReport, SurfacePoint};
 pub use texture::{Texture, UvTransform, Wrap};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

@@ -3,7 +3,7 @@
 //! A binary tree (PLOC and reinsertion, from obvhs; or a top-down sweep of our own where PLOC would degenerate) is
 //! collapsed into nodes of eight children and leaves of four triangles by dynamic programming over the surface area
 //! heuristic (Ylitie, Karras & Laine, HPG 2017, section 3). Traversal and intersection are ours, because they must be
-//! watertight: see [`triangle`](self::triangle) and [`traverse`](self::traverse).
+//! watertight: see `triangle.rs` and `traverse.rs`.
 
 mod alpha;
 mod binary;

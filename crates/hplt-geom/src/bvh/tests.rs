@@ -297,7 +297,7 @@ fn check_self_hits(n: usize) {
 #[test]
 fn an_alpha_mask_lets_through_exactly_the_texels_that_it_cuts() {
     const N: u32 = 8;
-    let is_cut = |column: u32, row: u32| (column * 5 + row * 3) % 4 == 0;
+    let is_cut = |column: u32, row: u32| (column * 5 + row * 3).is_multiple_of(4);
     let scene = masked_quad(N, is_cut);
     let (bvh, report) = Bvh::build(&scene, BvhOptions::default());
     assert_eq!((report.n_masked, report.n_triangles, report.n_invisible), (2, 4, 2));

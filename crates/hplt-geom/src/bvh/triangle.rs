@@ -33,8 +33,8 @@ impl Packet {
         assert!(id.0 <= Self::ID_MASK, "a scene has at most 200 million triangles");
         let order = canonical_order(corners);
         for (corner, &from) in ORDERS[order].iter().enumerate() {
-            for axis in 0..3 {
-                self.corners[corner][axis][lane] = corners[from as usize][axis];
+            for (row, x) in self.corners[corner].iter_mut().zip(corners[from as usize].to_array()) {
+                row[lane] = x;
             }
         }
         let masked = if is_masked { Self::MASKED } else { 0 };
