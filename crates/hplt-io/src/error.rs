@@ -118,6 +118,15 @@ impl Error {
         self
     }
 
+    /// The same error without its file, for files that a scene refers to.
+    #[cfg(any(feature = "gltf", feature = "obj"))]
+    pub(crate) fn forget_file(mut self) -> Self {
+        if let Self::Invalid { file, .. } | Self::Limit { file, .. } = &mut self {
+            file.clear();
+        }
+        self
+    }
+
     /// The same error, with `outer` put before its place.
     #[cfg(any(feature = "gltf", feature = "obj"))]
     pub(crate) fn within(mut self, outer: &str) -> Self {

@@ -7,6 +7,8 @@ mod error;
 #[cfg(feature = "exr")]
 mod exr;
 mod files;
+#[cfg(any(feature = "gltf", feature = "obj"))]
+mod folder;
 #[cfg(feature = "gltf")]
 mod glb;
 #[cfg(feature = "gltf")]
@@ -22,9 +24,16 @@ mod ply;
 mod png;
 #[cfg(feature = "csv")]
 mod points;
+#[cfg(any(feature = "gltf", feature = "obj"))]
+mod policy;
 mod report;
 pub mod solution;
+#[cfg(any(feature = "png", feature = "textures"))]
 mod srgb;
+#[cfg(any(feature = "gltf", feature = "obj"))]
+mod texture;
+#[cfg(any(feature = "gltf", feature = "obj"))]
+mod winding;
 
 pub use atomic::write_atomically;
 pub use environment::{load_environment, read_image};

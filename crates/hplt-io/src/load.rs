@@ -20,7 +20,29 @@ pub struct Loaded {
 /// When a file cannot be read, is malformed, exceeds a limit, or needs a feature that is not understood. Values that
 /// are out of range are found by `SceneBuilder::build`.
 pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    guarded(|| load_by_format(path, options)).map_err(|e| e.in_file(path))
+    let mut loaded = guarded(|| load_by_format(path, options)).map_err(|e| e.in_file(path))?;
+    warn_about_geometry(&mut loaded);
+    Ok(loaded)
+}
+
+fn warn_about_geometry(loaded: &mut Loaded) {
+    let Loaded { scene, report } = loaded;
+    if report.winding_disagreements > 0 && report.triangles > 0 {
+        let percent = 100.0 * report.winding_disagreements as f64 / report.triangles as f64;
+        let n = report.winding_disagreements;
+        report.warn(format!("{n} triangles ({percent:.2} %) face away from their vertex normals; winding decides"));
+    }
+    if let Some((min, max)) = scene.bounds() {
+        // Files store single precision; half a unit in the last place of the largest coordinate is lost already.
+        let quantum = min.abs().max(max.abs()).max_element() * f64::from(f32::EPSILON);
+        let diagonal = (max - min).length();
+        if quantum > 1e-5 * diagonal {
+            report.warn(format!(
+                "the scene is far from its origin: single precision resolves {quantum:.1e} of its size {diagonal:.1e}, \
+                 unless node transforms hold the offset"
+            ));
+        }
+    }
 }
 
 fn load_by_format(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
