@@ -1,0 +1,202 @@
+//! Levels of maximal Poisson-disk sets over the surface that light reaches.
+
+use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, Progress, RayCaster, Scene, parallel};
+
+use crate::candidates::{Candidates, random_points};
+use crate::morton::morton_code;
+use crate::options::{HierarchyOptions, LevelPlan};
+use crate::poisson::Level;
+use crate::random::Stage;
+use crate::report::{HierarchyReport, Warning};
+use crate::surface::SideSampler;
+use crate::{Error, Regions};
+
+/// Fresh points that measure the coverage.
+const N_FRESH: usize = 1 << 15;
+/// Times that the candidates grow by half before the rest of the gaps is accepted.
+const MAX_ROUNDS: usize = 8;
+/// Candidates per point from which areas are counted on a coarse level.
+const AREA_CANDIDATES: usize = 64;
+const STAGE: &str = "placing points";
+
+/// What [`poisson_hierarchy`] makes.
+#[derive(Debug, Clone)]
+pub struct Hierarchy {
+    /// The points.
+    pub points: PointHierarchy,
+    /// The regions of the air, to locate other points.
+    pub regions: Regions,
+    /// Counts and warnings.
+    pub report: HierarchyReport,
+}
+
+/// Levels of Poisson-disk sets over the surface that light reaches, radii halving.
+///
+/// On every level, no two points of a region are nearer than `r` in the metric of
+/// [`rejection_distance_squared`](crate::poisson::rejection_distance_squared), and every candidate is a point or that near
+/// to one. Candidates are uniform in area, with at least one on each side of every connected component. Points carry the
+/// area that they stand for (their share of the candidates) and lie along a Morton curve. Runs in parallel; the same bits at
+/// any thread count.
+///
+/// # Errors
+/// On options out of range, when even the coarsest level would exceed `max_points` (before it is allocated), and when
+/// cancelled.
+pub fn poisson_hierarchy(
+    scene: &Scene,
+    caster: &dyn RayCaster,
+    options: &HierarchyOptions,
+    progress: &dyn Progress,
+) -> Result<Hierarchy, Error> {
+    options.check()?;
+    let regions = Regions::build(scene, caster, options.seed, progress)?;
+    let sampler = SideSampler::build(scene, |material, is_front| material.reflects.includes(is_front));
+    let plan = LevelPlan::make(scene, options, sampler.area(), regions.lit_share())?;
+    let mut report = HierarchyReport { warnings: plan.warnings.clone(), ..HierarchyReport::default() };
+    let mut candidates = Candidates::new(scene, caster, &regions, &sampler, options.seed);
+    let mut levels: Vec<Level> = plan.radii.iter().map(|&r| Level::new(r, plan.expected(r))).collect();
+    if regions.n_regions() > 0 {
+        fill(&mut levels, &mut candidates, &plan, options, &mut report, progress)?;
+    } else {
+        report.warnings.push(Warning::NothingReachable);
+        levels.truncate(1);
+    }
+    let n_points: usize = levels.iter().map(Level::len).sum();
+    report.candidates = candidates.n_drawn();
+    report.n_rays = regions.n_rays() + candidates.n_rays();
+    report.reachable_fraction = candidates.reachable_fraction();
+    report.dark_fraction = 1.0 - report.reachable_fraction;
+    report.n_regions = regions.n_regions();
+    report.memory = n_points * size_of::<OrientedPoint>() + regions.memory();
+    report.peak_memory = report.memory + size_of_val(candidates.points());
+    let scale = scene.frame().scale();
+    report.reachable_area = candidates.reachable_area() * scale * scale;
+    let levels: Vec<PointLevel> = finish(levels, &candidates, &plan);
+    report.points_per_level = levels.iter().map(|level| level.points.len() as u64).collect();
+    report.radii = levels.iter().map(|level| f64::from(level.poisson_radius) * scale).collect();
+    let points = PointHierarchy { levels, n_regions: regions.n_regions() };
+    Ok(Hierarchy { points, regions, report })
+}
+
+/// Throws candidates on all levels until fresh points find themselves covered.
+fn fill(
+    levels: &mut [Level],
+    candidates: &mut Candidates<'_>,
+    plan: &LevelPlan,
+    options: &HierarchyOptions,
+    report: &mut HierarchyReport,
+    progress: &dyn Progress,
+) -> Result<(), Error> {
+    let mut wanted = plan.n_candidates;
+    for round in 0..MAX_ROUNDS {
+        let first = candidates.points().len();
+        candidates.draw(wanted, progress)?;
+        if round == 0 {
+            candidates.draw_on_small_components();
+        }
+        throw_all(levels, candidates.points(), first, progress)?;
+        report.uncovered_fraction = uncovered_fraction(levels, candidates, round as u32);
+        if report.uncovered_fraction <= options.max_uncovered {
+            return Ok(());
+        }
+        wanted = candidates.points().len() / 2;
+    }
+    report.warnings.push(Warning::Uncovered { fraction: report.uncovered_fraction });
+    Ok(())
+}
+
+/// Offers the candidates from `first` on to every level, in batches that double.
+fn throw_all(
+    levels: &mut [Level],
+    candidates: &[OrientedPoint],
+    first: usize,
+    progress: &dyn Progress,
+) -> Result<(), Error> {
+    let mut start = first;
+    let mut batches = Vec::new();
+    while start < candidates.len() {
+        let end = (2 * start).max(1024).min(candidates.len());
+        batches.push(coherent_order(candidates, start, end));
+        start = end;
+    }
+    let cells: Vec<std::sync::Mutex<&mut Level>> = levels.iter_mut().map(std::sync::Mutex::new).collect();
+    parallel::try_map(
+        cells.len(),
+        || (),
+        |(), i| {
+            // The finest level takes longest, so it starts first. Nobody else locks it.
+            let mut level = cells[cells.len() - 1 - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            for batch in &batches {
+                progress.check()?;
+                level.throw(candidates, batch);
+            }
+            progress.advance(STAGE, i as u64 + 1, cells.len() as u64);
+            Ok(())
+        },
+    )
+    .map(|_: Vec<()>| ())
+}
+
+/// The indices `start..end`, neighbours in space next to each other.
+fn coherent_order(candidates: &[OrientedPoint], start: usize, end: usize) -> Vec<u32> {
+    let mut keys: Vec<u64> = (start..end).map(|i| morton_code(candidates[i].position) >> 31 << 32 | i as u64).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|key| key as u32).collect()
+}
+
+fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, round: u32) -> f64 {
+    let fresh = candidates.fresh(N_FRESH, round);
+    let Some(finest) = levels.last() else { return 0.0 };
+    let missed = parallel::map(fresh.len(), || (), |(), i| !finest.covers(&fresh[i]));
+    missed.iter().filter(|&&missed| missed).count() as f64 / fresh.len().max(1) as f64
+}
+
+/// Areas and order.
+fn finish(levels: Vec<Level>, candidates: &Candidates<'_>, plan: &LevelPlan) -> Vec<PointLevel> {
+    let uniform = candidates.uniform_indices();
+    let share = |level: &Level| {
+        let n = uniform.len().min((AREA_CANDIDATES * level.len()).max(1 << 16));
+        let used = &uniform[..n];
+        const CHUNK: usize = 4096;
+        let owners = parallel::map(
+            n.div_ceil(CHUNK),
+            || (),
+            |(), chunk| {
+                let chunk = &used[chunk * CHUNK..n.min((chunk + 1) * CHUNK)];
+                let owner = |&i: &u32| level.nearest(&candidates.points()[i as usize]);
+                chunk.iter().map(owner).collect::<Vec<_>>()
+            },
+        );
+        let mut counts = vec![0u32; level.len()];
+        owners.into_iter().flatten().flatten().for_each(|owner| counts[owner as usize] += 1);
+        let unit = candidates.reachable_area() / n.max(1) as f64;
+        counts.iter().map(|&count| (f64::from(count) * unit) as f32).collect::<Vec<_>>()
+    };
+    let areas: Vec<Vec<f32>> = levels.iter().map(share).collect();
+    let in_order = |level: Level, areas: &[f32]| {
+        let mut points = level.into_points();
+        points.iter_mut().zip(areas).for_each(|(point, &area)| point.area = area);
+        let mut keys: Vec<(u64, u32)> =
+            points.iter().enumerate().map(|(i, point)| (morton_code(point.position), i as u32)).collect();
+        keys.sort_unstable();
+        keys.iter().map(|&(_, i)| points[i as usize]).collect::<Vec<_>>()
+    };
+    let together = levels.into_iter().zip(&areas).zip(&plan.radii);
+    together.map(|((level, areas), &r)| PointLevel { poisson_radius: r, points: in_order(level, areas) }).collect()
+}
+
+/// `n` points of the surface that light reaches, uniform in area and independent of the candidates: for measuring
+/// errors. Each stands for an equal share of the reachable area. Fewer than `n`, possibly none, when hardly anything is
+/// reachable.
+pub fn random_surface_points(
+    scene: &Scene,
+    caster: &dyn RayCaster,
+    regions: &Regions,
+    n: usize,
+    seed: u64,
+) -> Vec<OrientedPoint> {
+    let sampler = SideSampler::build(scene, |material, is_front| material.reflects.includes(is_front));
+    let (mut points, drawn) = random_points(scene, caster, regions, &sampler, (seed, Stage::Error, 0), n);
+    let area = (sampler.area() / drawn.max(1) as f64) as f32;
+    points.iter_mut().for_each(|point| point.area = area);
+    points
+}

@@ -1,0 +1,345 @@
+use glam::Vec3;
+use hplt_geom::{
+    Interrupted, LightShape, Progress, Ray, RayCaster, RegionId, Scene, SurfacePoint, offset_origin, parallel,
+};
+
+use crate::random::{Stage, Stream};
+use crate::regions::{Anchors, Regions, look, oriented};
+use crate::sobol::sobol_2d;
+use crate::surface::{SidePoint, SideSampler, point_on, sides_of_small_components};
+use crate::union_find::UnionFind;
+use crate::visibility::Oriented;
+use crate::warp::{cosine_hemisphere, uniform_cone};
+
+const MIN_ANCHORS: usize = 16 << 10;
+const MAX_ANCHORS: usize = 64 << 10;
+/// Anchors on components that uniform sampling would miss, at most.
+const MAX_EXTRA: usize = 64 << 10;
+/// Rays of every anchor, and further rays of those outside the largest component, in two rounds.
+const RAYS: [u32; 3] = [4, 12, 16];
+/// Rays from all emissive surfaces together, and from each light without a surface.
+const EMISSION_RAYS: u32 = 16 << 10;
+const LIGHT_RAYS: u32 = 4096;
+/// A dark component with fewer anchors than this may only be badly connected; nobody inherits from it.
+const MIN_DARK_COMPONENT: usize = 6;
+const STAGE: &str = "finding lit regions";
+
+impl Regions {
+    /// Finds the regions of `scene`. About a million rays.
+    ///
+    /// # Errors
+    /// When cancelled.
+    pub fn build(
+        scene: &Scene,
+        caster: &dyn RayCaster,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Self, Interrupted> {
+        let mut builder = Builder::new(scene, caster, seed);
+        for (round, n_rays) in RAYS.into_iter().enumerate() {
+            progress.check()?;
+            progress.advance(STAGE, round as u64, RAYS.len() as u64 + 1);
+            builder.probe(round as u32, n_rays);
+        }
+        progress.check()?;
+        builder.light();
+        progress.advance(STAGE, RAYS.len() as u64 + 1, RAYS.len() as u64 + 1);
+        Ok(builder.finish())
+    }
+}
+
+struct Builder<'a> {
+    scene: &'a Scene,
+    caster: &'a dyn RayCaster,
+    seed: u64,
+    reach: f32,
+    points: Vec<Oriented>,
+    /// Points drawn uniformly come first.
+    n_uniform: usize,
+    sets: UnionFind,
+    anchors: Anchors,
+    is_lit: Vec<bool>,
+    sees_sky: Vec<bool>,
+    sky_is_lit: bool,
+    n_rays: u64,
+}
+
+/// What the rays of one anchor found.
+#[derive(Default)]
+struct Found {
+    joined: Vec<u32>,
+    unknown: Vec<Oriented>,
+    sees_sky: bool,
+}
+
+impl<'a> Builder<'a> {
+    fn new(scene: &'a Scene, caster: &'a dyn RayCaster, seed: u64) -> Self {
+        let sampler = SideSampler::build(scene, |m, front| {
+            m.reflects.includes(front) || m.is_emissive() && m.emits.includes(front)
+        });
+        let n = (MIN_ANCHORS + scene.mesh().n_triangles() / 16).min(MAX_ANCHORS);
+        let (points, n_uniform) = draw_anchors(scene, caster, &sampler, n, seed);
+        // Several times the mean distance between uniform points.
+        let reach = 8.0 * (sampler.area() / n as f64).sqrt() as f32;
+        let positions: Vec<Oriented> =
+            points.iter().map(|p| Oriented { position: p.position, normal: p.normal }).collect();
+        let mut builder = Self {
+            scene,
+            caster,
+            seed,
+            reach,
+            n_uniform,
+            sets: UnionFind::new(points.len()),
+            anchors: Anchors::build(&positions, reach),
+            points: positions,
+            is_lit: points.iter().map(|p| emits(scene, p)).collect(),
+            sees_sky: vec![false; points.len()],
+            sky_is_lit: sky_is_lit(scene),
+            n_rays: points.len() as u64,
+        };
+        builder.join_neighbors(0);
+        builder
+    }
+
+    /// Joins the points from `first` on to their neighbours.
+    fn join_neighbors(&mut self, first: usize) {
+        let n = self.points.len() - first;
+        let joined = parallel::map(n, || (), |(), i| self.anchors.joined_neighbors(self.caster, (first + i) as u32));
+        for (i, others) in joined.iter().enumerate() {
+            others.iter().for_each(|&other| self.sets.union((first + i) as u32, other));
+        }
+        self.n_rays += 8 * n as u64;
+    }
+
+    /// Casts rays from all points, or from the second round on only from those outside the largest component, and
+    /// joins each to what it sees. Points seen where there is no anchor become anchors.
+    fn probe(&mut self, round: u32, n_rays: u32) {
+        let chosen = self.choose(round);
+        let stream = Stream::new(self.seed, Stage::Regions);
+        let found = parallel::map(
+            chosen.len(),
+            || (),
+            |(), k| {
+                let i = chosen[k];
+                let scramble = stream.word(i, round + 1, 0);
+                let mut found = Found::default();
+                for ray in 0..n_rays {
+                    match look(self.scene, self.caster, self.points[i as usize], sobol_2d(ray, scramble, 0).into()) {
+                        None => found.sees_sky = true,
+                        Some(seen) => match self.anchors.join(self.caster, seen, [2, 2]) {
+                            Some(other) => found.joined.push(other),
+                            None => found.unknown.push(seen),
+                        },
+                    }
+                }
+                found
+            },
+        );
+        self.n_rays += 4 * u64::from(n_rays) * chosen.len() as u64;
+        let n_before = self.points.len();
+        let limit = n_before + MAX_ANCHORS / 4;
+        for (&i, found) in chosen.iter().zip(&found) {
+            found.joined.iter().for_each(|&other| self.sets.union(i, other));
+            self.sees_sky[i as usize] |= found.sees_sky;
+            for &seen in &found.unknown {
+                if self.points.len() < limit {
+                    let new = self.push(seen);
+                    self.sets.union(new, i);
+                }
+            }
+        }
+        self.accept_new(n_before);
+    }
+
+    fn choose(&mut self, round: u32) -> Vec<u32> {
+        let n = self.points.len() as u32;
+        if round == 0 {
+            return (0..n).collect();
+        }
+        self.join_sky();
+        let mut sizes = vec![0u32; n as usize];
+        (0..n).for_each(|i| sizes[self.sets.find(i) as usize] += 1);
+        let largest = (0..n).max_by_key(|&i| (sizes[i as usize], n - i));
+        (0..n).filter(|&i| Some(self.sets.find(i)) != largest).collect()
+    }
+
+    fn push(&mut self, point: Oriented) -> u32 {
+        self.points.push(point);
+        self.is_lit.push(false);
+        self.sees_sky.push(false);
+        self.sets.push()
+    }
+
+    /// Makes points from `first` on known to the others.
+    fn accept_new(&mut self, first: usize) {
+        if self.points.len() > first {
+            self.anchors = Anchors::build(&self.points, self.reach);
+            self.join_neighbors(first);
+        }
+    }
+
+    /// Points that see a sky that gives light are joined through it.
+    fn join_sky(&mut self) -> Option<u32> {
+        if !self.sky_is_lit {
+            return None;
+        }
+        let mut first = None;
+        for i in (0..self.points.len()).filter(|&i| self.sees_sky[i]) {
+            let first = *first.get_or_insert(i as u32);
+            self.sets.union(first, i as u32);
+        }
+        first
+    }
+
+    /// Marks what emitters and lights see.
+    fn light(&mut self) {
+        let seen = lit_surface(self.scene, self.caster, self.seed);
+        self.n_rays += 4 * seen.len() as u64;
+        let joined =
+            parallel::map(seen.len(), || (), |(), i| self.anchors.join(self.caster, oriented(&seen[i]), [3, 2]));
+        let n_before = self.points.len();
+        for (seen, joined) in seen.iter().zip(joined) {
+            let anchor = joined.unwrap_or_else(|| self.push(oriented(seen)));
+            self.is_lit[anchor as usize] = true;
+        }
+        self.accept_new(n_before);
+    }
+
+    fn finish(mut self) -> Regions {
+        let sky_member = self.join_sky();
+        let n = self.points.len() as u32;
+        let (mut lit, mut sizes) = (vec![false; n as usize], vec![0usize; n as usize]);
+        for i in 0..n {
+            let root = self.sets.find(i) as usize;
+            sizes[root] += 1;
+            lit[root] |= self.is_lit[i as usize];
+        }
+        if let Some(member) = sky_member {
+            lit[self.sets.find(member) as usize] = true;
+        }
+        let (labels, n_regions) = self.number(&lit);
+        let n_lit = labels[..self.n_uniform].iter().filter(|&&label| label != RegionId::DARK).count();
+        let sky = sky_member.map(|member| labels[member as usize]);
+        // Nobody inherits darkness from a point that may merely be badly connected.
+        let keep: Vec<usize> = (0..n as usize)
+            .filter(|&i| labels[i] != RegionId::DARK || sizes[self.sets.find(i as u32) as usize] >= MIN_DARK_COMPONENT)
+            .collect();
+        let points: Vec<Oriented> = keep.iter().map(|&i| self.points[i]).collect();
+        Regions {
+            anchors: Anchors::build(&points, self.reach),
+            labels: keep.iter().map(|&i| labels[i]).collect(),
+            n_regions,
+            sky,
+            n_rays: self.n_rays,
+            lit_share: n_lit as f64 / self.n_uniform.max(1) as f64,
+            seed: self.seed,
+        }
+    }
+
+    /// Region ids in order of the first anchor; dark components all get the same.
+    fn number(&mut self, lit: &[bool]) -> (Vec<RegionId>, u32) {
+        let mut number_of = vec![RegionId::DARK; lit.len()];
+        let mut n_regions = 0;
+        let labels = (0..lit.len() as u32)
+            .map(|i| {
+                let root = self.sets.find(i) as usize;
+                if lit[root] && number_of[root] == RegionId::DARK {
+                    number_of[root] = RegionId(n_regions);
+                    n_regions += 1;
+                }
+                number_of[root]
+            })
+            .collect();
+        (labels, n_regions)
+    }
+}
+
+/// Exposed points on the sides that the sampler knows, and how many of them are uniform: those come first, then one on
+/// each side of every component that would otherwise go without.
+fn draw_anchors(
+    scene: &Scene,
+    caster: &dyn RayCaster,
+    sampler: &SideSampler,
+    n: usize,
+    seed: u64,
+) -> (Vec<SidePoint>, usize) {
+    let stream = Stream::new(seed, Stage::Regions);
+    let extra = sides_of_small_components(scene, sampler, n, 4.0, MAX_EXTRA);
+    let exposed = |point: Option<SidePoint>| point.filter(|p| p.is_exposed(caster));
+    let mut points: Vec<SidePoint> =
+        parallel::map(n, || (), |(), i| exposed(sampler.sample(scene, stream.words(i as u32, 0, 0))))
+            .into_iter()
+            .flatten()
+            .collect();
+    let n_uniform = points.len();
+    let on_extra = parallel::map(
+        extra.len(),
+        || (),
+        |(), i| {
+            let words = stream.words(i as u32, 0, 1);
+            exposed(point_on(scene, extra[i], words[0], words[1]))
+        },
+    );
+    points.extend(on_extra.into_iter().flatten());
+    (points, n_uniform)
+}
+
+fn sky_is_lit(scene: &Scene) -> bool {
+    let environment = scene.environment().is_some_and(|e| e.map().pixels().iter().any(|p| p.max_element() > 0.0));
+    let is_sun = |shape: &LightShape| matches!(shape, LightShape::Directional { irradiance, .. } if irradiance.max_element() > 0.0);
+    environment || scene.lights().iter().any(|light| is_sun(&light.shape))
+}
+
+fn emits(scene: &Scene, point: &SidePoint) -> bool {
+    scene.material(point.triangle).exitance_at(point.is_front, point.uv).max_element() > 0.0
+}
+
+/// Points that emissive surfaces and lights at a position see.
+fn lit_surface(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec<SurfacePoint> {
+    let sampler = SideSampler::build(scene, |m, front| m.is_emissive() && m.emits.includes(front));
+    let stream = Stream::new(seed, Stage::Emission);
+    let n = if sampler.sides().is_empty() { 0 } else { EMISSION_RAYS.max((sampler.sides().len() as u32).min(1 << 20)) };
+    let from_surfaces = parallel::map(
+        n as usize,
+        || (),
+        |(), i| {
+            // The first rays go out from every emissive side in turn, the rest by area.
+            let words = stream.words(i as u32, 0, 0);
+            let point = match sampler.sides().get(i) {
+                Some(&side) => point_on(scene, side, words[2], words[3]),
+                None => sampler.sample(scene, words),
+            };
+            let point = point.filter(|p| emits(scene, p) && p.is_exposed(caster))?;
+            let direction = cosine_hemisphere(sobol_2d(i as u32, stream.word(0, 0, 1), 1), point.normal);
+            see(scene, caster, Ray::new(offset_origin(point.position, point.normal), direction))
+        },
+    );
+    let mut seen: Vec<SurfacePoint> = from_surfaces.into_iter().flatten().collect();
+    for (id, light) in scene.lights().iter().enumerate() {
+        let (position, axis, angle) = match &light.shape {
+            LightShape::Point { position, intensity } if intensity.max_element() > 0.0 => {
+                (*position, Vec3::Z, std::f32::consts::PI)
+            }
+            LightShape::Spot { position, direction, intensity, cos_outer, .. } if intensity.max_element() > 0.0 => {
+                (*position, *direction, cos_outer.acos())
+            }
+            _ => continue,
+        };
+        let scramble = stream.word(id as u32, 0, 2);
+        let rays = parallel::map(
+            LIGHT_RAYS as usize,
+            || (),
+            |(), i| {
+                let direction = uniform_cone(sobol_2d(i as u32, scramble, 0), axis, angle);
+                see(scene, caster, Ray::new(position, direction))
+            },
+        );
+        seen.extend(rays.into_iter().flatten());
+    }
+    seen
+}
+
+fn see(scene: &Scene, caster: &dyn RayCaster, ray: Ray) -> Option<SurfacePoint> {
+    let hit = caster.nearest(ray);
+    (!hit.is_miss()).then(|| scene.surface_at(&hit))
+}

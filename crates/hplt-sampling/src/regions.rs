@@ -1,0 +1,181 @@
+//! Which connected part of the air a point of the surface faces, and whether light gets there.
+//!
+//! Distance says nothing about that: a floor runs on under a wall. So a point belongs to a region only when a path of
+//! straight, unblocked segments leads to a point that is known to. [`Regions`] keeps such points, some tens of thousands,
+//! spread over both sides of all surfaces (`region_build.rs`), and answers for any other point with about two short rays.
+
+use glam::Vec3;
+use hplt_geom::{RayCaster, RegionId, Scene, SurfacePoint, offset_origin, parallel};
+use hplt_kdtree::KdTree;
+
+use crate::random::{Stage, Stream};
+use crate::sobol::sobol_2d;
+use crate::visibility::{Oriented, is_joined};
+use crate::warp::cosine_hemisphere;
+
+/// Heights of paths over their lengths, tried in turn: over convex surfaces, and under low ceilings.
+const SLOPES: [f32; 2] = [0.25, 0.03];
+/// Neighbours tried at each slope.
+const NEIGHBORS: [usize; 2] = [3, 2];
+/// The least cosine between the normals of a point and of a neighbour.
+const MIN_NORMAL_COSINE: f32 = 0.2;
+/// Rays of a point that no neighbour answers for.
+const RESCUE_RAYS: u32 = 8;
+/// Points located by one task.
+const CHUNK: usize = 256;
+
+/// The regions of a scene.
+#[derive(Debug, Clone)]
+pub struct Regions {
+    pub(crate) anchors: Anchors,
+    pub(crate) labels: Vec<RegionId>,
+    pub(crate) n_regions: u32,
+    /// The region that is open to the sky, where the sky gives light.
+    pub(crate) sky: Option<RegionId>,
+    pub(crate) n_rays: u64,
+    pub(crate) lit_share: f64,
+    pub(crate) seed: u64,
+}
+
+impl Regions {
+    /// The number of regions that light reaches; their ids are below this.
+    pub fn n_regions(&self) -> u32 {
+        self.n_regions
+    }
+
+    /// The points that the regions are made of.
+    pub fn n_anchors(&self) -> usize {
+        self.labels.len()
+    }
+
+    /// Rays cast to find the regions.
+    pub fn n_rays(&self) -> u64 {
+        self.n_rays
+    }
+
+    /// A first estimate of the share of all sides, by area, that light reaches.
+    pub fn lit_share(&self) -> f64 {
+        self.lit_share
+    }
+
+    /// Bytes that the regions take.
+    pub fn memory(&self) -> usize {
+        self.anchors.memory() + size_of_val(&self.labels[..])
+    }
+
+    /// The region of each point of the surface, given as position and unit normal (scene space):
+    /// [`RegionId::DARK`] where no light gets, and where no visible path leads to a point whose region is known.
+    ///
+    /// Depends on nothing but the point. About two short rays per point where the surface is smooth, some dozens where
+    /// it is not. Runs in parallel.
+    pub fn locate(&self, scene: &Scene, caster: &dyn RayCaster, points: &[(Vec3, Vec3)]) -> Vec<RegionId> {
+        let located = parallel::map(
+            points.len().div_ceil(CHUNK),
+            || (),
+            |(), chunk| {
+                let chunk = &points[chunk * CHUNK..points.len().min((chunk + 1) * CHUNK)];
+                let locate =
+                    |&(position, normal): &(Vec3, Vec3)| self.locate_one(scene, caster, Oriented { position, normal });
+                chunk.iter().map(locate).collect::<Vec<_>>()
+            },
+        );
+        located.concat()
+    }
+
+    pub(crate) fn locate_one(&self, scene: &Scene, caster: &dyn RayCaster, point: Oriented) -> RegionId {
+        if let Some(anchor) = self.anchors.join(caster, point, NEIGHBORS) {
+            return self.labels[anchor as usize];
+        }
+        let bits = point.position.to_array().map(f32::to_bits);
+        let scramble = Stream::new(self.seed, Stage::Probe).word(bits[0], bits[1], bits[2]);
+        for k in 0..RESCUE_RAYS {
+            match look(scene, caster, point, sobol_2d(k, scramble, 0).into()) {
+                None => {
+                    if let Some(sky) = self.sky {
+                        return sky;
+                    }
+                }
+                Some(seen) => {
+                    if let Some(anchor) = self.anchors.join(caster, seen, NEIGHBORS) {
+                        return self.labels[anchor as usize];
+                    }
+                }
+            }
+        }
+        RegionId::DARK
+    }
+}
+
+/// What a cosine-distributed ray from `point` sees; `None` when it leaves the scene.
+pub(crate) fn look(scene: &Scene, caster: &dyn RayCaster, point: Oriented, u: [f32; 2]) -> Option<Oriented> {
+    let direction = cosine_hemisphere(u.into(), point.normal);
+    let origin = offset_origin(point.position, point.normal);
+    let hit = caster.nearest(hplt_geom::Ray::new(origin, direction));
+    (!hit.is_miss()).then(|| oriented(&scene.surface_at(&hit)))
+}
+
+pub(crate) fn oriented(point: &SurfacePoint) -> Oriented {
+    Oriented { position: point.position, normal: point.normal }
+}
+
+/// Oriented points that others are joined to.
+#[derive(Debug, Clone)]
+pub(crate) struct Anchors {
+    tree: KdTree,
+    normals: Vec<Vec3>,
+    positions: Vec<Vec3>,
+    /// How far to look for a neighbour, scene units.
+    reach: f32,
+}
+
+impl Anchors {
+    pub(crate) fn build(points: &[Oriented], reach: f32) -> Self {
+        let positions: Vec<Vec3> = points.iter().map(|p| p.position).collect();
+        let normals = points.iter().map(|p| p.normal).collect();
+        Self { tree: KdTree::build(&positions), normals, positions, reach }
+    }
+
+    fn memory(&self) -> usize {
+        self.tree.memory() + size_of_val(&self.normals[..]) + size_of_val(&self.positions[..])
+    }
+
+    fn get(&self, i: u32) -> Oriented {
+        Oriented { position: self.positions[i as usize], normal: self.normals[i as usize] }
+    }
+
+    /// Up to `N` nearest points within reach whose normals agree with `point`'s, nearest first.
+    pub(crate) fn neighbors<const N: usize>(&self, point: Oriented) -> ([u32; N], usize) {
+        let (mut found, mut n) = ([u32::MAX; N], 0);
+        while n < N {
+            let accept =
+                |id: u32| !found[..n].contains(&id) && self.normals[id as usize].dot(point.normal) > MIN_NORMAL_COSINE;
+            let Some((id, _)) = self.tree.nearest(point.position, self.reach, accept) else { break };
+            found[n] = id;
+            n += 1;
+        }
+        (found, n)
+    }
+
+    /// The first neighbour of `point` with a visible path to it, trying `counts[i]` of them at slope `i`.
+    pub(crate) fn join(&self, caster: &dyn RayCaster, point: Oriented, counts: [usize; 2]) -> Option<u32> {
+        // One look-up is nearly always enough.
+        let ([first], n) = self.neighbors::<1>(point);
+        if n == 0 {
+            return None;
+        }
+        if is_joined(caster, point, self.get(first), SLOPES[0]) {
+            return Some(first);
+        }
+        let (neighbors, n) = self.neighbors::<4>(point);
+        let later = (0..2).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id))).skip(1);
+        later.into_iter().find(|&(s, id)| is_joined(caster, point, self.get(id), SLOPES[s])).map(|(_, id)| id)
+    }
+
+    /// All of the nearest neighbours with a visible path to point `i`, itself excluded.
+    pub(crate) fn joined_neighbors(&self, caster: &dyn RayCaster, i: u32) -> Vec<u32> {
+        let point = self.get(i);
+        let (neighbors, n) = self.neighbors::<5>(point);
+        let others = neighbors[..n].iter().copied().filter(|&id| id != i);
+        others.filter(|&id| is_joined(caster, point, self.get(id), SLOPES[0])).collect()
+    }
+}
