@@ -1,3 +1,5 @@
+use std::collections::HashMap;
+
 use hplt_geom::glam::{DVec3, Vec3};
 use hplt_geom::{MaterialId, MeshInput, SceneBuilder};
 
@@ -114,6 +116,27 @@ impl Shape {
             }
         }
         self.normals = sums.into_iter().map(|n| n.normalize_or_zero().as_vec3()).collect();
+        self
+    }
+
+    /// Merges vertices at exactly the same position, and drops shading normals.
+    pub fn weld(&mut self) -> &mut Self {
+        let mut first_at = HashMap::with_capacity(self.positions.len());
+        let mut positions = Vec::new();
+        let mut target = Vec::with_capacity(self.positions.len());
+        for &p in &self.positions {
+            // Adding zero turns -0 into 0.
+            let bits = (p + 0.0).to_array().map(f64::to_bits);
+            target.push(*first_at.entry(bits).or_insert_with(|| {
+                positions.push(p);
+                positions.len() as u32 - 1
+            }));
+        }
+        for triangle in &mut self.triangles {
+            *triangle = triangle.map(|v| target[v as usize]);
+        }
+        self.positions = positions;
+        self.normals.clear();
         self
     }
 
