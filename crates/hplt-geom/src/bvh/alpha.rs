@@ -85,6 +85,10 @@ impl Cutouts {
         self.masked.len()
     }
 
+    pub(super) fn n_invisible(&self) -> usize {
+        self.entry.iter().filter(|&&entry| entry == INVISIBLE).count()
+    }
+
     pub(super) fn memory(&self) -> usize {
         size_of_val(&self.entry[..]) + size_of_val(&self.masked[..])
     }

@@ -1,9 +1,12 @@
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use obvhs::Boundable;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+use obvhs::splits::split_aabbs_precise;
+use obvhs::triangle::Triangle;
 
 use super::BvhOptions;
 use super::binary::{BinaryKind, BinaryNode, BinaryTree, Bounds, Primitive};
@@ -14,29 +17,78 @@ use crate::{Mesh, TriangleId};
 const FEW: usize = 4;
 /// A grid cell with more triangles than this that stick out of it is crowded.
 const CROWDED: usize = 256;
+/// Parts of large triangles that are always affordable.
+const FREE_PARTS: usize = 1000;
 /// Bits per axis of the grid for [`is_crowded`].
 const GRID_BITS: u32 = 10;
 
-/// The padded box of every triangle that `is_visible`.
-pub(super) fn primitives(mesh: &Mesh, is_visible: impl Fn(TriangleId) -> bool) -> Vec<Primitive> {
-    (0..mesh.n_triangles() as u32)
-        .filter(|&t| is_visible(TriangleId(t)))
-        .map(|t| Primitive { bounds: padded_bounds(mesh.corners(TriangleId(t))), triangle: t })
-        .collect()
+/// The boxes of all triangles that are visible; `split` cuts large ones that fill their box badly into several.
+pub(super) fn primitives(mesh: &Mesh, split: bool, is_visible: impl Fn(TriangleId) -> bool) -> Vec<Primitive> {
+    let visible = (0..mesh.n_triangles() as u32).filter(|&t| is_visible(TriangleId(t)));
+    let whole = visible.map(|t| Primitive { bounds: bounds(mesh.corners(TriangleId(t))), triangle: t });
+    let mut primitives: Vec<Primitive> = whole.collect();
+    if split {
+        split_large(mesh, &mut primitives);
+    }
+    let pad = |p: &mut Primitive| p.bounds = padded(p.bounds, mesh.corners(TriangleId(p.triangle)));
+    primitives.iter_mut().for_each(pad);
+    primitives
 }
 
-/// A box that contains every place where the triangle test can report a hit. That test rounds the corners, relative to the
-/// ray, to about 4 units in the last place of their distance. The part of it that grows with the distance to the ray's
-/// origin is covered by the slab test; the part that grows with the triangle's own size is covered here, 4 times over.
-fn padded_bounds([a, b, c]: [Vec3; 3]) -> Bounds {
-    const PADDING: f32 = 1.0 / (1 << 20) as f32;
-    let (min, max) = (a.min(b).min(c), a.max(b).max(c));
-    let padding = PADDING * (max - min).max_element();
+fn bounds([a, b, c]: [Vec3; 3]) -> Bounds {
+    Bounds { min: a.min(b).min(c), max: a.max(b).max(c) }
+}
+
+/// Cuts boxes much larger than the average in two, again and again, where that makes them smaller by enough, with the
+/// thresholds of obvhs' own preset, but adding at most half as many boxes as there are triangles, or [`FREE_PARTS`].
+fn split_large(mesh: &Mesh, primitives: &mut Vec<Primitive>) {
+    let areas = || primitives.iter().map(|p| p.bounds.half_area());
+    let average = (areas().map(f64::from).sum::<f64>() / primitives.len().max(1) as f64) as f32;
+    let largest = areas().fold(0.0, f32::max);
+    let n_large = areas().filter(|&area| area > 3.0 * average).count();
+    let budget = (primitives.len() / 2).max(FREE_PARTS);
+    // Each round doubles the parts at most.
+    let rounds = (1 + budget / n_large.max(1)).ilog2().min(12);
+    if n_large == 0 || rounds == 0 {
+        return;
+    }
+    let triangles: Vec<Triangle> = primitives
+        .iter()
+        .map(|p| mesh.corners(TriangleId(p.triangle)).map(Vec3A::from))
+        .map(|[v0, v1, v2]| Triangle { v0, v1, v2 })
+        .collect();
+    let mut boxes: Vec<Aabb> = primitives.iter().map(|p| to_aabb(p.bounds)).collect();
+    let mut indices: Vec<u32> = (0..boxes.len() as u32).collect();
+    let upper = (4.0 * average).max(0.9 * average + 0.1 * largest);
+    split_aabbs_precise(&mut boxes, &mut indices, &triangles, 3.0 * average, upper, 1.8, 1.6, rounds, 12);
+    let parts = boxes.iter().zip(&indices).map(|(b, &index)| Primitive {
+        bounds: Bounds { min: b.min.into(), max: b.max.into() },
+        triangle: primitives[index as usize].triangle,
+    });
+    *primitives = parts.collect();
+}
+
+/// The box of a triangle, or of a part of it, grown so that it contains every place where the triangle test can report a
+/// hit. That test rounds the corners, relative to the ray, to about 4 units in the last place of their distance. The part of
+/// this error that grows with the distance to the ray's origin is covered by the slab test; the part that grows with the
+/// triangle's own size is covered here, 4 times over, and so is the rounding of cuts.
+fn padded(part: Bounds, corners: [Vec3; 3]) -> Bounds {
+    const OF_SIZE: f32 = 1.0 / (1 << 20) as f32;
+    const OF_COORDINATES: f32 = 1.0 / (1 << 21) as f32;
+    let whole = bounds(corners);
+    let mut padding = OF_SIZE * (whole.max - whole.min).max_element();
+    if part != whole {
+        padding += OF_COORDINATES * whole.min.abs().max(whole.max.abs()).max_element();
+    }
     let outward = |x: Vec3, sign: f32| (x + Vec3::splat(sign * padding)).to_array();
     Bounds {
-        min: Vec3::from(outward(min, -1.0).map(f32::next_down)),
-        max: Vec3::from(outward(max, 1.0).map(f32::next_up)),
+        min: Vec3::from(outward(part.min, -1.0).map(f32::next_down)),
+        max: Vec3::from(outward(part.max, 1.0).map(f32::next_up)),
     }
+}
+
+fn to_aabb(Bounds { min, max }: Bounds) -> Aabb {
+    Aabb { min: min.into(), max: max.into() }
 }
 
 /// A binary tree over `primitives` with at most `64 + 2·log2(n)` levels, and whether it was built top-down.
@@ -68,8 +120,7 @@ impl Boundable for Boxed {
 
 /// Parallel locally-ordered clustering (Meister & Bittner 2018), then reinsertion (Meister & Bittner 2018b).
 fn ploc(primitives: &[Primitive], options: BvhOptions) -> BinaryTree {
-    let boxes: Vec<Boxed> =
-        primitives.iter().map(|p| Boxed(Aabb { min: p.bounds.min.into(), max: p.bounds.max.into() })).collect();
+    let boxes: Vec<Boxed> = primitives.iter().map(|p| Boxed(to_aabb(p.bounds))).collect();
     let indices = (0..boxes.len() as u32).collect();
     let (distance, near_rounds) =
         if options.search_far { (PlocSearchDistance::Medium, 2) } else { (PlocSearchDistance::Minimum, 0) };
@@ -120,7 +171,7 @@ mod tests {
     fn padded_boxes_contain_their_corners_strictly() {
         for scale in [1e-6, 1.0, 1e8] {
             let corners = [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p * scale + Vec3::splat(0.3 * scale));
-            let Bounds { min, max } = padded_bounds(corners);
+            let Bounds { min, max } = padded(bounds(corners), corners);
             assert!(corners.iter().all(|c| c.cmpgt(min).all() && c.cmplt(max).all()));
         }
     }

@@ -31,6 +31,9 @@ pub struct BvhOptions {
     /// Whether PLOC looks far for the best neighbour to merge with (14 nodes each way instead of 1): a better tree for
     /// about twice the time of that stage.
     pub search_far: bool,
+    /// Whether large triangles that fill their box badly count as several smaller boxes: better for architecture at a few
+    /// per cent more memory.
+    pub split_large: bool,
     /// The share of nodes that are taken out and put back in a better place, in each of 16 shrinking rounds; 0 switches
     /// that off.
     pub reinsertion: f32,
@@ -39,12 +42,12 @@ pub struct BvhOptions {
 impl BvhOptions {
     /// The fastest build: for previews and for scenes that are traced with few rays.
     pub fn fast() -> Self {
-        Self { search_far: false, reinsertion: 0.0 }
+        Self { search_far: false, split_large: false, reinsertion: 0.0 }
     }
 
     /// The best tree for its build time when there are many rays per triangle.
     pub fn production() -> Self {
-        Self { search_far: true, reinsertion: 0.15 }
+        Self { search_far: true, split_large: true, reinsertion: 0.15 }
     }
 }
 
@@ -69,6 +72,8 @@ pub struct BvhReport {
     pub n_packets: usize,
     /// Triangles that can block a ray.
     pub n_triangles: usize,
+    /// Boxes that the builder was given: one per triangle, more where large ones are split.
+    pub n_boxes: usize,
     /// Triangles that an alpha mask may cut.
     pub n_masked: usize,
     /// Triangles left out because their alpha mask cuts them away entirely.
@@ -101,7 +106,8 @@ impl Bvh {
 }
 
 fn build_tree(mesh: &Mesh, cutouts: &Cutouts, options: BvhOptions) -> (WideTree, BvhReport) {
-    let primitives = build::primitives(mesh, |triangle| !cutouts.is_invisible(triangle));
+    let primitives = build::primitives(mesh, options.split_large, |triangle| !cutouts.is_invisible(triangle));
+    let n_triangles = mesh.n_triangles() - cutouts.n_invisible();
     let (binary, is_top_down) = build::binary_tree(&primitives, options);
     let binary_depth = binary.depth();
     let (tree, expected_cost) = wide::collapse(&binary, mesh, |triangle| cutouts.is_masked(triangle));
@@ -111,9 +117,10 @@ fn build_tree(mesh: &Mesh, cutouts: &Cutouts, options: BvhOptions) -> (WideTree,
         binary_depth,
         n_nodes: tree.nodes.len(),
         n_packets: tree.packets.len(),
-        n_triangles: primitives.len(),
+        n_triangles,
+        n_boxes: primitives.len(),
         n_masked: cutouts.n_masked(),
-        n_invisible: mesh.n_triangles() - primitives.len(),
+        n_invisible: cutouts.n_invisible(),
         is_top_down,
         expected_cost,
     };

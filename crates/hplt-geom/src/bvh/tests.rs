@@ -110,6 +110,35 @@ fn no_ray_of_ten_million_leaves_a_closed_sphere() {
 }
 
 #[test]
+fn no_ray_leaves_a_box_whose_walls_are_split() {
+    for (center, radius) in [([0.0; 3], 2.0), ([300.0, -20.0, 80.0], 2.0), ([0.0; 3], 1e-6), ([0.0; 3], 1e8)] {
+        let center = DVec3::from(center);
+        // A thin octahedron along the diagonal, with a finely tessellated sphere in it: its walls are large for this scene.
+        let (mut vertices, mut triangles) = sphere(2, 4, 1.0, DVec3::ZERO);
+        for p in &mut vertices {
+            *p = (center + (p.as_dvec3() * 0.1 + f64::from(p.y)) * radius).as_vec3();
+        }
+        let (fine_vertices, fine_triangles) = sphere(60, 60, radius * 0.01, center);
+        let first = vertices.len() as u32;
+        vertices.extend(fine_vertices);
+        triangles.extend(fine_triangles.iter().map(|t| t.map(|v| v + first)));
+        let mesh = raw_mesh((vertices, triangles));
+        let (tree, report) = build_tree(&mesh, &Cutouts::default(), BvhOptions::production());
+        assert!((8 + 8..1000).contains(&(report.n_boxes - report.n_triangles)), "{report:?}");
+        let bvh = Bvh { tree, cutouts: Cutouts::default() };
+        let mut random = Random::new(21);
+        for i in 0..30_000 {
+            let outward = random.direction();
+            let origin = (center + outward.as_dvec3() * (0.02 * radius)).as_vec3();
+            let [a, b, _] = mesh.corners(TriangleId(random.below(8) as u32));
+            let along = random.unit();
+            let target = [outward + origin, a, a * along + b * (1.0 - along)][i % 3];
+            assert!(!bvh.nearest(Ray::new(origin, target - origin)).is_miss(), "{center} {origin} {target}");
+        }
+    }
+}
+
+#[test]
 fn a_sphere_with_a_hole_leaks() {
     let mut soup = sphere(100, 100, 2.0, DVec3::ZERO);
     soup.1.truncate(19_700);
@@ -336,7 +365,7 @@ fn median_splits_bound_the_depth_where_bins_do_not() {
         [base, base + base * Vec3::X * 0.1, base + base * Vec3::Y * 0.1]
     });
     let mesh = raw_mesh((vertices.collect(), (0..120).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()));
-    let primitives = build::primitives(&mesh, |_| true);
+    let primitives = build::primitives(&mesh, false, |_| true);
     let binned = top_down::build(&primitives, usize::MAX);
     let bounded = top_down::build(&primitives, 5);
     assert!(binned.depth() > 20, "{}", binned.depth());

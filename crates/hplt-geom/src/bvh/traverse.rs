@@ -143,17 +143,9 @@ where
         } else {
             let node = &tree.nodes[child.node_index()];
             let (mask, entry) = (kernels.enter)(node, probe, best.t * WIDEN);
-            let first = n;
-            for lane in set_bits(mask) {
-                let new = Entry { t: entry[lane], child: node.children[lane] };
-                // Keep the nearest on top.
-                let mut at = n;
-                while at > first && stack[at - 1].t < new.t {
-                    stack[at] = stack[at - 1];
-                    at -= 1;
-                }
-                stack[at] = new;
-                n += 1;
+            if mask != 0 {
+                child = descend(node, mask, &entry, stack, &mut n);
+                continue;
             }
         }
         let limit = best.t * WIDEN;
@@ -167,6 +159,44 @@ where
                 child = stack[n].child;
                 break;
             }
+        }
+    }
+}
+
+/// The nearest of the children whose bits are set, not none; the others go on the stack, the nearest on top.
+#[inline(always)]
+fn descend(node: &Node, mut mask: u32, entry: &[f32; WIDTH], stack: &mut [Entry], n: &mut usize) -> Child {
+    let mut take = || {
+        let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
+        mask &= mask - 1;
+        (Entry { t: entry[lane], child: node.children[lane] }, mask == 0)
+    };
+    let (a, is_last) = take();
+    if is_last {
+        return a.child;
+    }
+    let (b, is_last) = take();
+    let (mut nearest, far) = if b.t < a.t { (b, a) } else { (a, b) };
+    let first = *n;
+    stack[first] = far;
+    *n += 1;
+    if is_last {
+        return nearest.child;
+    }
+    loop {
+        let (mut new, is_last) = take();
+        if new.t < nearest.t {
+            std::mem::swap(&mut new, &mut nearest);
+        }
+        let mut at = *n;
+        while at > first && stack[at - 1].t < new.t {
+            stack[at] = stack[at - 1];
+            at -= 1;
+        }
+        stack[at] = new;
+        *n += 1;
+        if is_last {
+            return nearest.child;
         }
     }
 }
