@@ -248,3 +248,34 @@ impl PacketHits {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a ray along +z through the origin hits the triangle with these corners in the plane z = 1.
+    fn is_hit(corners: [[f32; 2]; 3]) -> bool {
+        let mut packet = Packet::EMPTY;
+        packet.set(0, TriangleId(0), corners.map(|[x, y]| Vec3::new(x, y, 1.0)), false);
+        test_packet(&packet, &Shear::new(Vec3::ZERO, Vec3::Z), f32::INFINITY).mask == 1
+    }
+
+    #[test]
+    fn an_edge_function_that_rounds_to_zero_is_decided_exactly() {
+        // The ray passes the edge bc at a distance of about 2⁻²⁶, which the rounded products do not see.
+        let e = 2f32.powi(-13);
+        let (b, c) = ([-1.0, -(1.0 - e)], [1.0 + e, 1.0]);
+        assert_eq!(c[0] * b[1] - c[1] * b[0], 0.0);
+        assert!(is_hit([[1.0, -1.0], b, c]));
+        assert!(!is_hit([[-1.0, 1.0], b, c]));
+    }
+
+    #[test]
+    fn a_ray_exactly_through_an_edge_or_a_vertex_hits_all_its_triangles() {
+        let (b, c) = ([-1.0, -1.0], [1.0, 1.0]);
+        assert!(is_hit([[1.0, -1.0], b, c]) && is_hit([[-1.0, 1.0], b, c]));
+        assert!(is_hit([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) && is_hit([[0.0, 0.0], [-1.0, 0.0], [0.0, -1.0]]));
+        assert!(!is_hit([[0.5, 0.5], [1.0, 0.0], [0.0, 1.0]]));
+        assert!(!is_hit([b, [0.0, 0.0], c]), "a triangle seen edge-on has no area");
+    }
+}
