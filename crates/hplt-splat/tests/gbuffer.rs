@@ -68,14 +68,13 @@ fn background_is_the_environment_and_everything_else_there_is_empty() {
     let gbuffer = room_gbuffer(32, 24);
     let zero = vec![Rgb::ZERO; gbuffer.n_samples()];
     let image = radiance(&gbuffer, &zero, &zero);
-    let queries = gbuffer.queries();
     let mut n_background = 0;
-    for i in 0..gbuffer.n_samples() {
+    for (i, query) in gbuffer.queries().iter().enumerate() {
         if gbuffer.is_background(i) {
             n_background += 1;
             assert_eq!(image.pixels()[i], Rgb::new(0.25, 0.5, 0.75));
             assert_eq!((gbuffer.depths()[i], gbuffer.regions()[i]), (f32::INFINITY, RegionId::DARK));
-            assert_eq!((queries[i].region, gbuffer.albedos()[i]), (RegionId::DARK, Rgb::ZERO));
+            assert_eq!((query.region, gbuffer.albedos()[i]), (RegionId::DARK, Rgb::ZERO));
             assert_eq!((gbuffer.triangles()[i], gbuffer.fronts()[i]), (TriangleId::NONE, false));
         } else {
             assert_eq!(image.pixels()[i], Rgb::ZERO);
