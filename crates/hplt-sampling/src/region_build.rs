@@ -15,8 +15,11 @@ const MIN_ANCHORS: usize = 16 << 10;
 const MAX_ANCHORS: usize = 64 << 10;
 /// Anchors on components that uniform sampling would miss, at most.
 const MAX_EXTRA: usize = 64 << 10;
-/// Rays of every anchor, and further rays of those outside the largest component, in two rounds.
-const RAYS: [u32; 3] = [4, 12, 16];
+/// Rays of every anchor; then, once it is known what is lit, of those outside the largest component; at last, of those in
+/// small components.
+const RAYS: [u32; 4] = [4, 12, 16, 64];
+/// Below so many anchors a component is small.
+const SMALL_COMPONENT: u32 = 64;
 /// Rays from all emissive surfaces together, and from each light without a surface.
 const EMISSION_RAYS: u32 = 16 << 10;
 const LIGHT_RAYS: u32 = 4096;
@@ -38,12 +41,13 @@ impl Regions {
         let mut builder = Builder::new(scene, caster, seed);
         for (round, n_rays) in RAYS.into_iter().enumerate() {
             progress.check()?;
-            progress.advance(STAGE, round as u64, RAYS.len() as u64 + 1);
+            progress.advance(STAGE, round as u64, RAYS.len() as u64);
             builder.probe(round as u32, n_rays);
+            if round == 0 {
+                builder.light();
+            }
         }
-        progress.check()?;
-        builder.light();
-        progress.advance(STAGE, RAYS.len() as u64 + 1, RAYS.len() as u64 + 1);
+        progress.advance(STAGE, RAYS.len() as u64, RAYS.len() as u64);
         Ok(builder.finish())
     }
 }
@@ -111,8 +115,7 @@ impl<'a> Builder<'a> {
         self.n_rays += 8 * n as u64;
     }
 
-    /// Casts rays from all points, or from the second round on only from those outside the largest component, and
-    /// joins each to what it sees. Points seen where there is no anchor become anchors.
+    /// Casts rays from the points whose turn it is (see [`RAYS`]), and joins each to what it sees. Points seen where there is no anchor become anchors.
     fn probe(&mut self, round: u32, n_rays: u32) {
         let chosen = self.choose(round);
         let stream = Stream::new(self.seed, Stage::Regions);
@@ -126,7 +129,7 @@ impl<'a> Builder<'a> {
                 for ray in 0..n_rays {
                     match look(self.scene, self.caster, self.points[i as usize], sobol_2d(ray, scramble, 0).into()) {
                         None => found.sees_sky = true,
-                        Some(seen) => match self.anchors.join(self.caster, seen, [2, 2]) {
+                        Some(seen) => match self.anchors.join(self.caster, seen, [2, 2, 1]) {
                             Some(other) => found.joined.push(other),
                             None => found.unknown.push(seen),
                         },
@@ -160,7 +163,9 @@ impl<'a> Builder<'a> {
         let mut sizes = vec![0u32; n as usize];
         (0..n).for_each(|i| sizes[self.sets.find(i) as usize] += 1);
         let largest = (0..n).max_by_key(|&i| (sizes[i as usize], n - i));
-        (0..n).filter(|&i| Some(self.sets.find(i)) != largest).collect()
+        let most = if round as usize + 1 == RAYS.len() { SMALL_COMPONENT } else { n };
+        let is_chosen = |root: u32| Some(root) != largest && sizes[root as usize] <= most;
+        (0..n).filter(|&i| is_chosen(self.sets.find(i))).collect()
     }
 
     fn push(&mut self, point: Oriented) -> u32 {
@@ -196,7 +201,7 @@ impl<'a> Builder<'a> {
         let seen = lit_surface(self.scene, self.caster, self.seed);
         self.n_rays += 4 * seen.len() as u64;
         let joined =
-            parallel::map(seen.len(), || (), |(), i| self.anchors.join(self.caster, oriented(&seen[i]), [3, 2]));
+            parallel::map(seen.len(), || (), |(), i| self.anchors.join(self.caster, oriented(&seen[i]), [3, 2, 2]));
         let n_before = self.points.len();
         for (seen, joined) in seen.iter().zip(joined) {
             let anchor = joined.unwrap_or_else(|| self.push(oriented(seen)));

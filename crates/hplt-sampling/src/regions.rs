@@ -14,9 +14,9 @@ use crate::visibility::{Oriented, is_joined};
 use crate::warp::cosine_hemisphere;
 
 /// Heights of paths over their lengths, tried in turn: over convex surfaces, and under low ceilings.
-const SLOPES: [f32; 2] = [0.25, 0.03];
+const SLOPES: [f32; 3] = [0.25, 0.03, 0.004];
 /// Neighbours tried at each slope.
-const NEIGHBORS: [usize; 2] = [3, 2];
+const NEIGHBORS: [usize; 3] = [3, 2, 2];
 /// The least cosine between the normals of a point and of a neighbour.
 const MIN_NORMAL_COSINE: f32 = 0.2;
 /// Rays of a point that no neighbour answers for.
@@ -157,7 +157,7 @@ impl Anchors {
     }
 
     /// The first neighbour of `point` with a visible path to it, trying `counts[i]` of them at slope `i`.
-    pub(crate) fn join(&self, caster: &dyn RayCaster, point: Oriented, counts: [usize; 2]) -> Option<u32> {
+    pub(crate) fn join(&self, caster: &dyn RayCaster, point: Oriented, counts: [usize; 3]) -> Option<u32> {
         // One look-up is nearly always enough.
         let ([first], n) = self.neighbors::<1>(point);
         if n == 0 {
@@ -167,7 +167,8 @@ impl Anchors {
             return Some(first);
         }
         let (neighbors, n) = self.neighbors::<4>(point);
-        let later = (0..2).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id))).skip(1);
+        let later =
+            (0..SLOPES.len()).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id))).skip(1);
         later.into_iter().find(|&(s, id)| is_joined(caster, point, self.get(id), SLOPES[s])).map(|(_, id)| id)
     }
 
@@ -176,6 +177,7 @@ impl Anchors {
         let point = self.get(i);
         let (neighbors, n) = self.neighbors::<5>(point);
         let others = neighbors[..n].iter().copied().filter(|&id| id != i);
-        others.filter(|&id| is_joined(caster, point, self.get(id), SLOPES[0])).collect()
+        let is_joined = |&id: &u32| SLOPES.iter().any(|&slope| is_joined(caster, point, self.get(id), slope));
+        others.filter(is_joined).collect()
     }
 }
