@@ -75,6 +75,11 @@ impl Mesh {
         self.triangles[triangle.index()].map(|v| self.uvs[v as usize])
     }
 
+    /// Shading normals per vertex, zero where the file has none; empty when it has none at all.
+    pub fn shading_normals(&self) -> &[Vec3] {
+        &self.shading_normals
+    }
+
     /// Whether texture coordinates are kept.
     pub fn has_uvs(&self) -> bool {
         !self.uvs.is_empty()
