@@ -3,6 +3,7 @@ use hplt_geom::{
     Camera, Frame, Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, Scene, TriangleId,
     parallel, radiometry,
 };
+use hplt_sampling::random::{Stage, Stream, unit_f32};
 
 use crate::counter::Counter;
 use crate::{Error, Projection};
@@ -309,49 +310,23 @@ fn pixel_rays<'a>(
     let (width, height) = (options.width as usize, options.height as usize);
     let corner = Vec2::new((pixel % width) as f32, (pixel / width) as f32);
     let n = options.samples_per_axis;
+    let stream = Stream::new(options.seed, Stage::Pixel);
     (0..n * n).map(move |s| {
         let stratum = Vec2::new((s % n) as f32, (s / n) as f32);
-        let jitter = if n == 1 { Vec2::splat(0.5) } else { jitter(options.seed, pixel as u32, s) };
+        let jitter = if n == 1 { Vec2::splat(0.5) } else { jitter(stream, pixel as u32, s) };
         camera.ray(scene.frame(), width, height, corner + (stratum + jitter) / n as f32)
     })
 }
 
-/// Two numbers uniform in `[0, 1)`, a pure function of the arguments: pcg3d (Jarzynski & Olano, "Hash Functions for GPU
-/// Rendering", JCGT 2020).
-fn jitter(seed: u64, pixel: u32, sample: u32) -> Vec2 {
-    let mut v = [pixel, sample ^ (seed >> 32) as u32, seed as u32];
-    v = v.map(|x| x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
-    let mix = |v: &mut [u32; 3]| {
-        v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
-        v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
-        v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
-    };
-    mix(&mut v);
-    v = v.map(|x| x ^ (x >> 16));
-    mix(&mut v);
-    let unit = |x: u32| (x >> 8) as f32 / 16_777_216.0;
-    Vec2::new(unit(v[0]), unit(v[1]))
+/// Two numbers uniform in `[0, 1)`, a pure function of the arguments.
+fn jitter(stream: Stream, pixel: u32, sample: u32) -> Vec2 {
+    let [x, y, ..] = stream.words(pixel, sample, 0);
+    Vec2::new(unit_f32(x), unit_f32(y))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn jitter_is_uniform_and_differs_between_seeds_pixels_and_samples() {
-        let values: Vec<Vec2> = (0..4096).map(|i| jitter(7, i / 4, i % 4)).collect();
-        let mean = values.iter().sum::<Vec2>() / 4096.0;
-        // Four standard errors of a mean of 4096 uniform numbers.
-        assert!((mean - 0.5).abs().max_element() < 4.0 * 0.289 / 64.0, "{mean}");
-        assert!(values.iter().all(|v| v.min_element() >= 0.0 && v.max_element() < 1.0));
-        let mut bits: Vec<u64> =
-            values.iter().map(|v| u64::from(v.x.to_bits()) << 32 | u64::from(v.y.to_bits())).collect();
-        bits.sort_unstable();
-        bits.dedup();
-        assert_eq!(bits.len(), 4096);
-        assert_ne!(jitter(7, 1, 1), jitter(8, 1, 1));
-        assert_ne!(jitter(7, 1, 1), jitter(7 + (1 << 32), 1, 1));
-    }
 
     #[test]
     fn options_that_make_no_picture_are_refused() {

@@ -61,6 +61,8 @@ fn samples_lie_in_their_strata_in_the_documented_order() {
     }
     let spread = offsets.iter().fold([1.0f32, 0.0], |[lo, hi], &x| [lo.min(x), hi.max(x)]);
     assert!(spread[0] < 0.1 && spread[1] > 0.9, "jitter fills its strata: {spread:?}");
+    let other = gbuffer_of(&scene_of(&room()), &camera(), GBufferOptions { seed: 1, ..options });
+    assert_ne!(other.positions(), gbuffer.positions(), "the seed moves the samples");
 }
 
 #[test]
