@@ -5,12 +5,14 @@
 //!
 //! * [`scenes`]: procedural scenes, from the Cornell box to a colonnade of a quarter of a million triangles
 //! * [`closed_forms`]: exact answers, with the constants to test against
+//! * [`conformance`]: checks that an implementation of a trait of ours can be put through
 //! * [`metrics`]: errors of irradiance at points and of images
 //! * [`path_tracer`]: the reference itself
 //! * [`statistics`]: equivalence tests, standard errors from replicates
 #![forbid(unsafe_code)]
 
 pub mod closed_forms;
+pub mod conformance;
 mod error;
 pub mod metrics;
 mod parallel;

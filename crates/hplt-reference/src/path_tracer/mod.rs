@@ -23,6 +23,9 @@ mod tests;
 
 pub use estimate::{Emission, IrradianceEstimate, IrradianceOptions, RenderEstimate, RenderOptions};
 
+pub(crate) use rng::PathNumbers;
+pub(crate) use triangle::{Crossing, ShearedRay};
+
 use hplt_geom::Scene;
 
 use light::Lights;

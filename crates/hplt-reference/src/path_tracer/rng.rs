@@ -19,7 +19,7 @@ pub(super) struct VertexNumbers {
 
 /// The random numbers of one path.
 #[derive(Debug, Clone)]
-pub(super) struct PathNumbers {
+pub(crate) struct PathNumbers {
     scrambling: u32,
     index: u32,
     stream: u64,
@@ -39,7 +39,7 @@ fn mix(mut z: u64) -> u64 {
 
 impl PathNumbers {
     /// The numbers of sample `index` of the replicate whose key is `key`.
-    pub(super) fn new(key: u64, index: u64) -> Self {
+    pub(crate) fn new(key: u64, index: u64) -> Self {
         let epoch = index / u64::from(SOBOL_LENGTH);
         let scrambling = hash(&[key, epoch]) as u32;
         Self { scrambling, index: (index % u64::from(SOBOL_LENGTH)) as u32, stream: hash(&[key, index, 1]) }
@@ -69,7 +69,7 @@ impl PathNumbers {
     }
 
     /// The next number of the stream.
-    pub(super) fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         self.stream = self.stream.wrapping_add(0x9e37_79b9_7f4a_7c15);
         (mix(self.stream) >> 11) as f64 / (1u64 << 53) as f64
     }

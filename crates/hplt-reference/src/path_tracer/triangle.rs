@@ -5,7 +5,7 @@ use hplt_geom::glam::{DVec3, Vec3};
 /// A ray, sheared so that it runs along its own longest axis: the watertight edge test of Woop, Benthin & Wald (2013) in
 /// `f64`, where the edge functions of two triangles that share an edge are exact negatives of each other.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ShearedRay {
+pub(crate) struct ShearedRay {
     origin: DVec3,
     axis: usize,
     /// Components of the direction along the other two axes, over the one along `axis`; and the latter's inverse.
@@ -14,15 +14,15 @@ pub(super) struct ShearedRay {
 
 /// A crossing: distance, and the weights of the second and third corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Crossing {
-    pub(super) t: f64,
-    pub(super) u: f64,
-    pub(super) v: f64,
-    pub(super) is_front: bool,
+pub(crate) struct Crossing {
+    pub(crate) t: f64,
+    pub(crate) u: f64,
+    pub(crate) v: f64,
+    pub(crate) is_front: bool,
 }
 
 impl ShearedRay {
-    pub(super) fn new(origin: DVec3, direction: DVec3) -> Self {
+    pub(crate) fn new(origin: DVec3, direction: DVec3) -> Self {
         let size = direction.abs();
         let axis = if size.x > size.y && size.x > size.z {
             0
@@ -38,7 +38,7 @@ impl ShearedRay {
 
     /// The crossing with a triangle at `t > 0`, edges included.
     #[inline]
-    pub(super) fn cross(&self, corners: &[Vec3; 3]) -> Option<Crossing> {
+    pub(crate) fn cross(&self, corners: &[Vec3; 3]) -> Option<Crossing> {
         match self.axis {
             0 => self.cross_along::<1, 2, 0>(corners),
             1 => self.cross_along::<2, 0, 1>(corners),

@@ -28,12 +28,7 @@ const LINTEL: f64 = 7.45;
 /// open roof; four cameras. About `n_triangles` triangles, at least some 12 000 ([`COLONNADE_TRIANGLES`] for the full
 /// scene).
 pub fn colonnade(n_triangles: usize) -> SceneBuilder {
-    // Triangles grow with the square of the detail; two corrections land within a few per cent.
-    let mut detail = (n_triangles as f64 / COLONNADE_TRIANGLES as f64).sqrt();
-    for _ in 0..4 {
-        let found = Parts::new(detail).n_triangles() as f64;
-        detail = (detail * (n_triangles as f64 / found).sqrt()).max(0.05);
-    }
+    let detail = detail_for(n_triangles);
     let mut builder = SceneBuilder::new();
     Parts::new(detail).push_into(&mut builder);
     let radiance = Rgb::new(20.0, 19.0, 17.6);
@@ -50,6 +45,27 @@ pub fn colonnade(n_triangles: usize) -> SceneBuilder {
     );
     cameras(&mut builder);
     builder
+}
+
+/// The fineness that comes nearest to a number of triangles, which grows with it in steps.
+fn detail_for(n_triangles: usize) -> f64 {
+    let guess = (n_triangles as f64 / COLONNADE_TRIANGLES as f64).sqrt();
+    let (mut low, mut high) = (0.3 * guess, 1.5 * guess);
+    let mut best = (usize::MAX, guess);
+    for _ in 0..12 {
+        let middle = 0.5 * (low + high);
+        let found = Parts::new(middle).n_triangles();
+        let off = found.abs_diff(n_triangles);
+        if off < best.0 {
+            best = (off, middle);
+        }
+        if found < n_triangles {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    best.1
 }
 
 fn cameras(builder: &mut SceneBuilder) {
@@ -97,6 +113,7 @@ impl Parts {
         ring(&mut parts.stone, 0.35, CEILING_1, FLOOR_2);
         ring(&mut parts.stone, 0.35, CEILING_2, ROOF);
         beam(&mut parts.stone, LINTEL, CEILING_2 + 0.01);
+        parapet(&mut parts.walls);
         parts.dentils();
         for (place, _) in bays() {
             parts.columns(place, &fine);
@@ -231,7 +248,7 @@ impl Parts {
     fn balustrade(&mut self, place: DVec3, along: DVec3, fine: &impl Fn(f64, u32) -> u32) {
         let across = DVec3::new(along.z, 0.0, along.x).abs();
         let rail = |y0: f64, y1: f64, half: f64| {
-            let start = place + along * 0.21 - (along * 0.0) - across * half + DVec3::Y * y0;
+            let start = place + along * 0.21 - across * half + DVec3::Y * y0;
             let end = place + along * (BAY - 0.21) + across * half + DVec3::Y * y1;
             (start.min(end), start.max(end))
         };
@@ -359,6 +376,19 @@ fn ring(shape: &mut Shape, overhang: f64, bottom: f64, top: f64) {
             [corner(inner, b, bottom), corner(inner, a, bottom), corner(inner, a, top), corner(inner, b, top)]
                 .map(|p| p),
         );
+    }
+}
+
+/// A low wall on the roof, round the opening, up to the light.
+fn parapet(shape: &mut Shape) {
+    let half = COURT - DVec3::new(0.3, 0.0, 0.3);
+    let corner = |i: usize, y: f64| {
+        let (sx, sz) = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)][i % 4];
+        DVec3::new(sx * half.x, y, sz * half.z)
+    };
+    for i in 0..4 {
+        let bottom = ROOF - 0.05;
+        shape.quad([corner(i + 1, bottom), corner(i, bottom), corner(i, 8.75), corner(i + 1, 8.75)]);
     }
 }
 

@@ -10,6 +10,9 @@ use super::basic::geodesic_sphere;
 /// The triangles of the statue at full size: as many as the scan it stands in for.
 pub const STATUE_TRIANGLES: usize = 1_050_000;
 
+/// Where the figure looks, as an angle about the y axis.
+const FACE: f64 = 1.2;
+
 /// Half the outline of the figure, from the middle of its foot to its crown: (radius, height), metres.
 const OUTLINE: [(f64, f64); 20] = [
     (0.0, 0.0),
@@ -114,8 +117,43 @@ fn figure_at(direction: DVec3) -> DVec3 {
     let base = flat * (radius + fade * cloth * (folds * (radius / 0.35) + sash)) * stretch + DVec3::Y * height + lean;
     let hair = smooth_step(0.86, 0.9, along) * (1.0 - smooth_step(0.98, 0.995, along));
     let curls = 0.012 * hair * ((60.0 * angle / TAU * 2.0).sin() * (90.0 * height).sin());
-    let marks = 0.02 * noise(base * 4.0) + 0.008 * noise(base * 13.0) + 0.0025 * noise(base * 45.0);
-    base + (flat * 0.9 + DVec3::Y * 0.2 * direction.y) * fade * (marks + curls)
+    let smooth = 1.0 - 0.75 * smooth_step(0.68, 0.74, along);
+    let marks = smooth * (0.02 * noise(base * 4.0) + 0.008 * noise(base * 13.0) + 0.0025 * noise(base * 45.0));
+    base + (flat * 0.9 + DVec3::Y * 0.2 * direction.y)
+        * fade
+        * (marks + curls + face(angle, height) + arms(angle, height))
+}
+
+/// Brow, eyes, nose, lips and chin, in metres outwards.
+fn face(angle: f64, height: f64) -> f64 {
+    let (a, h) = (0.17 * turned(angle - FACE), height - 2.09);
+    let side = a.abs();
+    let nose = 0.042 * bell(a / 0.019) * smooth_step(0.075, -0.025, h) * smooth_step(-0.048, -0.03, h);
+    let eyes = -0.017 * bell((side - 0.055) / 0.024) * bell((h - 0.035) / 0.019)
+        + 0.008 * bell((side - 0.055) / 0.014) * bell((h - 0.032) / 0.011);
+    let brow = 0.013 * bell((side - 0.05) / 0.035) * bell((h - 0.072) / 0.013);
+    let lips = 0.012 * bell(a / 0.032) * (bell((h + 0.079) / 0.0085) + bell((h + 0.1) / 0.0095));
+    let chin = 0.022 * bell(a / 0.036) * bell((h + 0.142) / 0.024);
+    nose + eyes + brow + lips + chin
+}
+
+/// Arms that are folded in front of the body.
+fn arms(angle: f64, height: f64) -> f64 {
+    let a = turned(angle - FACE);
+    let side = a.abs();
+    let lower = bell((height - 1.36 - 0.05 * a.sin()) / 0.062) * smooth_step(1.65, 1.35, side);
+    let cut = 0.4 * bell((height - 1.362 - 0.05 * a.sin() - 0.012) / 0.012) * smooth_step(0.75, 0.5, side);
+    let upper = bell((side - 1.5) / 0.2) * smooth_step(1.32, 1.4, height) * smooth_step(1.68, 1.56, height);
+    0.085 * lower.max(upper) - 0.04 * cut * lower
+}
+
+fn bell(x: f64) -> f64 {
+    (-0.5 * x * x).exp()
+}
+
+/// The angle in [-π, π].
+fn turned(angle: f64) -> f64 {
+    (angle + PI).rem_euclid(TAU) - PI
 }
 
 /// The outline at `along` in `[0, 1]`, by Catmull-Rom splines, about uniform in length.
@@ -132,6 +170,7 @@ fn outline(along: f64) -> (f64, f64) {
     (spline(a.0, b.0, c.0, d.0).max(0.0), spline(a.1, b.1, c.1, d.1).max(0.0))
 }
 
+/// 0 at `from`, 1 at `to`, flat beyond both; `from` may be the larger one.
 fn smooth_step(from: f64, to: f64, x: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
