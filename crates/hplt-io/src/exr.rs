@@ -5,7 +5,7 @@ use exr::prelude as codec;
 use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
 use hplt_geom::{Image, Rgb};
 
-use crate::files::read_regular;
+use crate::files::{any_content, read_regular};
 use crate::{Error, Limits, write_atomically};
 
 /// The content of an OpenEXR file of one part: channels with dotted layer names (`R`, `direct.R`, `N.X`, `Z`) and text
@@ -116,7 +116,7 @@ pub fn write_exr(path: &Path, image: &ExrImage) -> Result<(), Error> {
 /// # Errors
 /// When the file cannot be read, is not such a file, or exceeds `limits`.
 pub fn read_exr(path: &Path, limits: &Limits) -> Result<ExrImage, Error> {
-    let bytes = read_regular(path, limits.file_bytes)?;
+    let bytes = read_regular(path, limits.file_bytes, any_content)?;
     crate::load::guarded(|| decode(&bytes, limits)).map_err(|e| e.in_file(path))
 }
 

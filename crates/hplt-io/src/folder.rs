@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::Error;
-use crate::files::read_regular;
+use crate::files::{any_content, read_regular};
 
 /// Longest reference that is followed, in bytes.
 const MAX_REFERENCE: usize = 4096;
@@ -49,7 +49,7 @@ impl Folder {
         if !path.starts_with(&self.root) {
             return Err(outside(relative));
         }
-        let bytes = read_regular(&path, limit.min(self.budget)).map_err(|e| match e {
+        let bytes = read_regular(&path, limit.min(self.budget), any_content).map_err(|e| match e {
             Error::Read { source, .. } => unreadable(relative, &source),
             Error::Limit { value, .. } if value <= limit => self.total_exceeded(relative, value),
             other => other.forget_file().within(&format!("\"{}\"", crate::sanitized(relative))),

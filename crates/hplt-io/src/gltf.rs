@@ -33,7 +33,8 @@ const BYTES_PER_INSTANCE: u64 = 160;
 
 /// The default scene of a file.
 pub(crate) fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    let bytes = read_regular(path, options.limits.file_bytes)?;
+    let limits = &options.limits;
+    let bytes = read_regular(path, limits.file_bytes, |head, length| container::check_head(head, length, limits))?;
     let (json, bin) = container::split(&bytes)?;
     let document = Document::parse(json, &options.limits)?;
     check_version(&document)?;

@@ -4,7 +4,7 @@ use std::path::Path;
 use hplt_geom::{Image, Rgb};
 use image::ImageDecoder;
 
-use crate::files::read_regular;
+use crate::files::{any_content, read_regular};
 use crate::{Error, Limits};
 
 /// A Radiance `.hdr` picture as linear RGB.
@@ -12,7 +12,7 @@ use crate::{Error, Limits};
 /// # Errors
 /// When the file cannot be read, is not such a picture, or exceeds `limits`.
 pub fn read_hdr(path: &Path, limits: &Limits) -> Result<Image, Error> {
-    let bytes = read_regular(path, limits.file_bytes)?;
+    let bytes = read_regular(path, limits.file_bytes, any_content)?;
     crate::load::guarded(|| decode(&bytes, limits)).map_err(|e| e.in_file(path))
 }
 

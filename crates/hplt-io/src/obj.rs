@@ -44,13 +44,14 @@ pub(crate) fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
     if let Some(error) = state.error.take().or(libraries.error) {
         return Err(error);
     }
+    // Before the parser's own complaint, which does not know the line.
+    state.check_indices()?;
     let (models, _) = match parsed {
         Ok(parsed) => parsed,
         Err(error) => {
             return Err(Error::invalid(format!("line {}", state.number), "OBJ_SYNTAX", error.to_string()));
         }
     };
-    state.check_indices()?;
     if state.n_lines_and_points > 0 {
         report.leave_out(format!("{} lines and points", state.n_lines_and_points));
     }

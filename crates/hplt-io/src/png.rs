@@ -3,7 +3,7 @@ use std::path::Path;
 
 use hplt_geom::{Image, Rgb};
 
-use crate::files::read_regular;
+use crate::files::{any_content, read_regular};
 use crate::{Error, Limits, srgb, write_atomically};
 
 /// How radiance becomes eight bits.
@@ -80,7 +80,7 @@ pub fn write_png(path: &Path, image: &Image, options: &PngOptions, metadata: &[(
 /// # Errors
 /// When the file cannot be read, is not a PNG, or exceeds `limits`.
 pub fn read_png(path: &Path, limits: &Limits) -> Result<Image, Error> {
-    let bytes = read_regular(path, limits.file_bytes)?;
+    let bytes = read_regular(path, limits.file_bytes, any_content)?;
     decode(&bytes, limits).map_err(|e| e.in_file(path))
 }
 

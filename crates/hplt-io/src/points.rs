@@ -4,7 +4,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use hplt_geom::Rgb;
 
-use crate::files::read_regular;
+use crate::files::{any_content, read_regular};
 use crate::{Error, Limits, write_atomically};
 
 /// The columns that [`write_irradiance_csv`] writes, in order.
@@ -42,7 +42,7 @@ pub struct IrradianceRow {
 /// # Errors
 /// Naming line and column, when a number is missing, malformed, not finite or beyond 1e18, or a normal has no length.
 pub fn read_points_csv(path: &Path, limits: &Limits) -> Result<Vec<SensorPoint>, Error> {
-    let bytes = read_regular(path, limits.file_bytes)?;
+    let bytes = read_regular(path, limits.file_bytes, any_content)?;
     let table = Table::parse(&bytes, &IRRADIANCE_COLUMNS[..6], limits).map_err(|e| e.in_file(path))?;
     table.rows().map(|(line, row)| sensor_point(line, row)).collect::<Result<_, _>>().map_err(|e| e.in_file(path))
 }
@@ -84,7 +84,7 @@ pub fn write_irradiance_rows(writer: &mut impl Write, rows: &[IrradianceRow]) ->
 /// # Errors
 /// Naming line and column, as [`read_points_csv`].
 pub fn read_irradiance_csv(path: &Path, limits: &Limits) -> Result<Vec<IrradianceRow>, Error> {
-    let bytes = read_regular(path, limits.file_bytes)?;
+    let bytes = read_regular(path, limits.file_bytes, any_content)?;
     let read = |bytes: &[u8]| -> Result<Vec<IrradianceRow>, Error> {
         let table = Table::parse(bytes, &IRRADIANCE_COLUMNS, limits)?;
         table

@@ -1,8 +1,22 @@
-use crate::Error;
+use crate::{Error, Limits};
 
 const MAGIC: &[u8] = b"glTF";
 const JSON: [u8; 4] = *b"JSON";
 const BIN: [u8; 4] = *b"BIN\0";
+
+/// Refuses a file by its first bytes and its length, before all of it is read.
+pub(super) fn check_head(head: &[u8], length: u64, limits: &Limits) -> Result<(), Error> {
+    match u32_at(head, 8) {
+        Some(declared) if head.starts_with(MAGIC) && u64::from(declared) != length => {
+            let message = format!("{declared}; the file has {length} bytes");
+            Err(Error::invalid("GLB header, length", "GLB_LENGTH_MISMATCH", message))
+        }
+        _ if !head.starts_with(MAGIC) && length > limits.json_bytes => {
+            Err(Error::limit("JSON", "LIMIT_JSON", "bytes", length, limits.json_bytes))
+        }
+        _ => Ok(()),
+    }
+}
 
 /// The JSON text and the binary chunk of a glTF file, text or container.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Error> {
