@@ -1,6 +1,6 @@
 //! Materials, lights and channels.
 
-use hplt::geom::glam::{DVec3, Vec3};
+use hplt::geom::glam::{DVec3, Vec2, Vec3};
 use hplt::geom::{Environment, Image, Material, Rgb, SceneBuilder};
 use hplt::reference::scenes::{self, Shape};
 use hplt::transport::{DirectEstimator, DirectOptions, StopReason, TransportOptions};
@@ -79,7 +79,7 @@ fn c11_one_hot_sky_texel_is_found() {
     let (column, row) = (20, 6);
     map.pixels_mut()[row * 64 + column] = Rgb::splat(1e6);
     let environment = Environment::from_map(map).unwrap();
-    let toward = environment.direction_in_texel(column, row, hplt::geom::glam::Vec2::splat(0.5));
+    let toward = environment.direction_in_texel(column, row, Vec2::splat(0.5));
     let expected = 1e6 * environment.texel_solid_angle(row) as f32 * toward.y + 0.1 * std::f32::consts::PI;
     let mut builder = scenes::single_sheet(Rgb::splat(0.5));
     builder.set_environment(environment);

@@ -244,7 +244,9 @@ pub(super) fn lamp(min: DVec3, size: f64, exitance: Rgb, builder: &mut SceneBuil
 
 fn furnace_material(random: &mut Random, radiosity: f32, builder: &mut SceneBuilder) -> MaterialId {
     let albedo = (random.vector() * 0.95).as_vec3();
-    builder.push_material(Material::emitter("clutter", albedo, (Rgb::ONE - albedo) * radiosity))
+    // Both sides emit: boxes that overlap enclose cavities, which must be furnaces too.
+    let emitter = Material::emitter("clutter", albedo, (Rgb::ONE - albedo) * radiosity);
+    builder.push_material(Material { emits: Sides::Both, ..emitter })
 }
 
 /// A sphere seen from outside, of `20·n²` triangles, the number nearest to `facets`: an icosahedron whose faces are
