@@ -10,6 +10,7 @@
 //! * [`path_tracer`]: the reference itself
 //! * [`statistics`]: equivalence tests, standard errors from replicates
 #![forbid(unsafe_code)]
+#![cfg_attr(doctest, doc = include_str!("../README.md"))]
 
 pub mod closed_forms;
 pub mod conformance;
