@@ -35,12 +35,16 @@ const BYTES_PER_INSTANCE: u64 = 160;
 pub(crate) fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     let limits = &options.limits;
     let bytes = read_regular(path, limits.file_bytes, |head, length| container::check_head(head, length, limits))?;
-    let (json, bin) = container::split(&bytes)?;
+    let folder = Folder::of(path, limits.total_bytes)?;
+    load_bytes(&bytes, folder, options)
+}
+
+fn load_bytes(bytes: &[u8], folder: Folder, options: &LoadOptions) -> Result<Loaded, Error> {
+    let (json, bin) = container::split(bytes)?;
     let document = Document::parse(json, &options.limits)?;
     check_version(&document)?;
     let mut report = LoadReport::default();
     extensions::check(&document, &mut report)?;
-    let folder = Folder::of(path, options.limits.total_bytes)?;
     let buffers = Buffers::new(&document, bin, folder, &options.limits);
     let reader = Reader { document: &document, buffers: &buffers, limits: &options.limits };
     let materials = Materials::new(&document, &buffers, options);
@@ -290,5 +294,68 @@ fn mesh_place(document: &Document, mesh: u32) -> String {
     match document.meshes.get(mesh as usize).and_then(|m| m.name.as_deref()) {
         Some(name) => format!("meshes[{mesh}] \"{}\"", crate::sanitized(name)),
         None => format!("meshes[{mesh}]"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hplt_geom::BuildPolicy;
+
+    const GOOD: &[u8] = include_bytes!("../tests/corpus/good.glb");
+
+    fn load_and_build(bytes: &[u8]) -> Result<(), Error> {
+        let options = LoadOptions::default();
+        let folder = Folder::of(&std::env::temp_dir(), 1000)?;
+        let loaded = crate::load::guarded(|| load_bytes(bytes, folder, &options))?;
+        loaded.scene.build(BuildPolicy::default())?;
+        Ok(())
+    }
+
+    #[test]
+    fn truncation_anywhere_is_an_error() {
+        load_and_build(GOOD).unwrap();
+        let text = container::split(GOOD).unwrap().0;
+        for bytes in [GOOD, text] {
+            for n in 0..bytes.len() - 1 {
+                let error = load_and_build(&bytes[..n]).unwrap_err();
+                assert_ne!(error.code(), "INTERNAL", "cut at {n}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn flipped_bits_never_panic() {
+        let mut refused = 0;
+        for bit in 0..GOOD.len() * 8 {
+            let mut damaged = GOOD.to_vec();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            if let Err(error) = load_and_build(&damaged) {
+                assert_ne!(error.code(), "INTERNAL", "bit {bit}: {error}");
+                refused += 1;
+            }
+        }
+        assert!(refused > GOOD.len() && refused < GOOD.len() * 8, "{refused}");
+    }
+
+    /// Pairs of random bytes, so that lengths, counts and offsets get large values too.
+    #[test]
+    fn random_damage_never_panics() {
+        let mut state = 7u64;
+        let mut next = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as usize
+        };
+        let digits = b"0123456789-.e[]{},:\"";
+        for _ in 0..20_000 {
+            let mut damaged = GOOD.to_vec();
+            for _ in 0..1 + next() % 4 {
+                let at = next() % damaged.len();
+                damaged[at] = if next() % 2 == 0 { digits[next() % digits.len()] } else { next() as u8 };
+            }
+            if let Err(error) = load_and_build(&damaged) {
+                assert_ne!(error.code(), "INTERNAL", "{error}: {:?}", String::from_utf8_lossy(&damaged));
+            }
+        }
     }
 }

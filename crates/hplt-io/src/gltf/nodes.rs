@@ -12,24 +12,28 @@ pub(super) struct Placed {
     pub(super) world_from_node: DAffine3,
 }
 
-/// The nodes of the default scene, parents before children, in the order of the file.
+/// The nodes of the default scene that hold something, parents before children, in the order of the file.
 pub(super) fn placed(document: &Document, limits: &Limits, report: &mut LoadReport) -> Result<Vec<Placed>, Error> {
     let parents = parents(document)?;
     refuse_loops(&parents)?;
     let mut placed = Vec::new();
     // Depth, node and the transform of its parent; the last one is next.
-    let mut stack: Vec<(u64, u32, DAffine3)> =
-        roots(document, &parents, report)?.into_iter().rev().map(|root| (1, root, DAffine3::IDENTITY)).collect();
-    while let Some((depth, node, world_from_parent)) = stack.pop() {
-        if depth > limits.depth {
-            return Err(Error::limit(place(document, node), "LIMIT_DEPTH", "generations", depth, limits.depth));
+    let mut stack: Vec<(u64, u32, DAffine3)> = Vec::new();
+    for root in roots(document, &parents, report)? {
+        stack.push((1, root, DAffine3::IDENTITY));
+        while let Some((depth, node, world_from_parent)) = stack.pop() {
+            if depth > limits.depth {
+                return Err(Error::limit(place(document, node), "LIMIT_DEPTH", "generations", depth, limits.depth));
+            }
+            let entry = item(&document.nodes, node, "nodes")?;
+            let world_from_node = world_from_parent * local(entry).map_err(|e| e.within(&place(document, node)))?;
+            report.nodes += 1;
+            if entry.mesh.is_some() || entry.camera.is_some() || entry.skin.is_some() || entry.extensions.is_some() {
+                placed.push(Placed { node, world_from_node });
+            }
+            stack.extend(entry.children.iter().rev().map(|&child| (depth + 1, child, world_from_node)));
         }
-        let entry = item(&document.nodes, node, "nodes")?;
-        let world_from_node = world_from_parent * local(entry).map_err(|e| e.within(&place(document, node)))?;
-        placed.push(Placed { node, world_from_node });
-        stack.extend(entry.children.iter().rev().map(|&child| (depth + 1, child, world_from_node)));
     }
-    report.nodes = placed.len() as u64;
     Ok(placed)
 }
 
@@ -115,14 +119,14 @@ fn local(node: &Node) -> Result<DAffine3, Error> {
         let column = |k: usize| DVec3::new(m[k], m[k + 1], m[k + 2]);
         return Ok(DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12)));
     }
-    let rotation = match node.rotation {
-        Some(rotation) => unit_quaternion(rotation)?,
+    let rotation = match &node.rotation {
+        Some(rotation) => unit_quaternion(**rotation)?,
         None => DQuat::IDENTITY,
     };
     Ok(DAffine3::from_scale_rotation_translation(
-        node.scale.map_or(DVec3::ONE, DVec3::from),
+        node.scale.as_deref().map_or(DVec3::ONE, |s| DVec3::from(*s)),
         rotation,
-        node.translation.map_or(DVec3::ZERO, DVec3::from),
+        node.translation.as_deref().map_or(DVec3::ZERO, |t| DVec3::from(*t)),
     ))
 }
 
@@ -153,14 +157,14 @@ mod tests {
     fn transforms_are_composed_in_double_precision() {
         let json = r#"{"scenes":[{"nodes":[0]}],"nodes":[
             {"translation":[1000000,0,0],"children":[1]},
-            {"rotation":[0,0,0.7071067811865476,0.7071067811865476],"scale":[2,2,2],"translation":[0.0001,0,0]}]}"#;
-        let point = walk(json).unwrap()[1].world_from_node.transform_point3(DVec3::new(1e-5, 0.0, 0.0));
+            {"mesh":0,"rotation":[0,0,0.7071067811865476,0.7071067811865476],"scale":[2,2,2],"translation":[0.0001,0,0]}]}"#;
+        let point = walk(json).unwrap()[0].world_from_node.transform_point3(DVec3::new(1e-5, 0.0, 0.0));
         assert!((point - DVec3::new(1_000_000.000_1, 2e-5, 0.0)).length() < 1e-9, "{point}");
     }
 
     #[test]
     fn rotations_of_any_length_are_brought_to_length_one() {
-        let json = r#"{"nodes":[{"rotation":[0,0,3,3]}]}"#;
+        let json = r#"{"nodes":[{"mesh":0,"rotation":[0,0,3,3]}]}"#;
         let x = walk(json).unwrap()[0].world_from_node.transform_vector3(DVec3::X);
         assert!((x - DVec3::Y).length() < 1e-15);
         assert_eq!(code(r#"{"nodes":[{"rotation":[0,0,0,0]}]}"#), "ROTATION_NON_UNIT");
@@ -188,7 +192,8 @@ mod tests {
 
     #[test]
     fn a_node_in_two_scenes_is_walked_once() {
-        let json = r#"{"scenes":[{"nodes":[0]},{"nodes":[0]}],"nodes":[{"children":[2,1]},{},{}]}"#;
+        let json =
+            r#"{"scenes":[{"nodes":[0]},{"nodes":[0]}],"nodes":[{"mesh":0,"children":[2,1]},{"mesh":0},{"mesh":0}]}"#;
         let order: Vec<u32> = walk(json).unwrap().iter().map(|p| p.node).collect();
         assert_eq!(order, [0, 2, 1]);
     }
