@@ -1,0 +1,96 @@
+//! What lighting a scene would take, before it is done.
+
+use hplt_geom::{Scene, TriangleId};
+use serde::Serialize;
+
+use crate::settings::Settings;
+use crate::values::{Radius, human_bytes};
+
+/// Points of a maximal random set per area over `r²`.
+const POINTS_PER_AREA: f64 = 0.7;
+/// Bytes per function: point, kd-tree, parents and children, coefficients of a solve in progress.
+const BYTES_PER_POINT: f64 = 320.0;
+/// Bytes per candidate point while a hierarchy is made, times candidates per point of the finest level.
+const BYTES_OF_CANDIDATES: f64 = 5.0 * 40.0;
+/// Bytes of the BVH per triangle.
+const BVH_BYTES_PER_TRIANGLE: f64 = 90.0;
+/// Rays per second and thread that a solve gets through, all else included; a guess that a scene may miss by a factor of 3.
+const RAYS_PER_SECOND: f64 = 4e5;
+/// Share of the functions that are gathered in all bounces together.
+const GATHERED_SHARE: f64 = 0.15;
+
+/// Points, bytes and seconds. All reflecting sides are counted, since which of them light reaches is not known yet.
+#[derive(Debug, Clone, Serialize)]
+pub struct Estimate {
+    /// Points per level, at most.
+    pub points_per_level: Vec<u64>,
+    /// Bytes by part.
+    pub parts: Vec<(&'static str, u64)>,
+    /// Seconds, about.
+    pub seconds: f64,
+}
+
+impl Estimate {
+    /// The estimate for a scene.
+    pub fn of(scene: &Scene, settings: &Settings) -> Self {
+        let mesh = scene.mesh();
+        let sides = |t: TriangleId| {
+            let material = scene.material(t);
+            [true, false].into_iter().filter(|&front| material.reflects.includes(front)).count() as f64
+        };
+        let triangles = (0..mesh.n_triangles() as u32).map(TriangleId);
+        let area: f64 = triangles.map(|t| mesh.area(t) * sides(t)).sum();
+        let radius = match settings.radius {
+            Radius::World(length) => length / scene.frame().scale(),
+            Radius::OfDiagonal(fraction) => fraction * f64::from(scene.diagonal()),
+        };
+        let points_per_level: Vec<u64> = (0..settings.levels)
+            .map(|level| {
+                let r = radius / (1u64 << level) as f64;
+                // Saturates, which is what a limit wants.
+                (POINTS_PER_AREA * area / (r * r)).ceil() as u64
+            })
+            .collect();
+        let n = points_per_level.iter().map(|&n| n as f64).sum::<f64>();
+        let finest = points_per_level.last().copied().unwrap_or(0) as f64;
+        let parts = vec![
+            ("geometry", mesh.memory() as u64),
+            ("textures", scene.texture_memory() as u64),
+            ("bvh", (BVH_BYTES_PER_TRIANGLE * mesh.n_triangles() as f64) as u64),
+            ("points", (n * BYTES_PER_POINT + finest * BYTES_OF_CANDIDATES) as u64),
+        ];
+        let threads = settings.config.run.threads.unwrap_or_else(available_threads) as f64;
+        let gathers = GATHERED_SHARE * n * f64::from(settings.transport.n_rays);
+        let shadow_rays = finest * 32.0;
+        let seconds = (gathers + shadow_rays) / (RAYS_PER_SECOND * threads);
+        Self { points_per_level, parts, seconds }
+    }
+
+    /// Points on all levels.
+    pub fn points(&self) -> u64 {
+        self.points_per_level.iter().fold(0, |sum: u64, &n| sum.saturating_add(n))
+    }
+
+    /// Bytes of all parts.
+    pub fn memory(&self) -> u64 {
+        self.parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.1))
+    }
+
+    /// `geometry 3 kB, textures 0 B, …`
+    pub fn parts_in_words(&self) -> String {
+        self.parts.iter().map(|(name, bytes)| format!("{name} {}", human_bytes(*bytes))).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Threads that the machine can run at once.
+pub fn available_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Bytes of memory that the system could give, where it says so.
+pub fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    let kilobytes: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kilobytes.saturating_mul(1024))
+}

@@ -1,0 +1,104 @@
+//! From a scene's name to a [`Scene`], with the lights of flags and config.
+
+use std::path::Path;
+
+use hplt_geom::{Scene, SceneReport};
+use hplt_io::{LoadReport, Loaded};
+
+use crate::builtin;
+use crate::exit::{Exit, Failure};
+use crate::lights::add_lights;
+use crate::settings::Settings;
+
+/// A scene that is ready to be lit.
+pub struct LoadedScene {
+    /// Its name on the command line, safe to print.
+    pub name: String,
+    /// The scene; `None` for one without surface, where that is accepted.
+    pub scene: Option<Scene>,
+    /// What the file held.
+    pub loaded: LoadReport,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// What is not there, and why.
+    pub left_out: Vec<String>,
+}
+
+/// Loads `name` (a file, or `gen:NAME[:TRIANGLES]`), adds lights, validates.
+///
+/// # Errors
+/// When the file or a value in it cannot be used.
+pub fn load(name: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
+    let shown = hplt_io::sanitized(name);
+    let Loaded { scene: mut builder, report: loaded } = match name.strip_prefix("gen:") {
+        Some(name) => Loaded { scene: builtin::from_spec(name)?, report: LoadReport::default() },
+        None => hplt_io::load_scene(Path::new(name), &settings.load)?,
+    };
+    add_lights(&mut builder, &settings.config.light)?;
+    let (scene, built) = match builder.build(settings.load.policy) {
+        Ok((scene, report)) => (Some(scene), report),
+        Err(hplt_geom::Error::NoSurface) if settings.allow_empty => (None, SceneReport::default()),
+        Err(error) => return Err(build_failure(&shown, error)),
+    };
+    let mut warnings = loaded.warnings.clone();
+    if loaded.suppressed_warnings > 0 {
+        warnings.push(format!("{} more warnings about the file", loaded.suppressed_warnings));
+    }
+    warnings.extend(build_warnings(&built));
+    let mut left_out = loaded.left_out.clone();
+    match &scene {
+        Some(scene) => left_out.extend(not_needed(scene)),
+        None => warnings.push("the scene has no surface: there is nothing to light".into()),
+    }
+    Ok(LoadedScene { name: shown, scene, loaded, warnings, left_out })
+}
+
+fn build_failure(name: &str, error: hplt_geom::Error) -> Failure {
+    let hint = match &error {
+        hplt_geom::Error::NoSurface => "; --allow-empty accepts it",
+        hplt_geom::Error::NotFinite { place, .. } | hplt_geom::Error::OutOfRange { place, .. } => {
+            match place.starts_with("mesh") {
+                true => "; --drop-bad drops such triangles",
+                false if place.starts_with("material") => "; --clamp-materials brings it into range",
+                false => "",
+            }
+        }
+        _ => "",
+    };
+    let error = hplt_io::Error::from(error);
+    let exit = if error.exit_code() == 4 { Exit::Limit } else { Exit::Input };
+    Failure::new(exit, error.code(), format!("{name}: {error}{hint}"))
+}
+
+fn build_warnings(report: &SceneReport) -> Vec<String> {
+    let count = |n: u64, what: &str| (n > 0).then(|| format!("{n} {what}"));
+    [
+        count(report.degenerate, "triangles without area were dropped"),
+        count(report.non_finite, "triangles with unusable coordinates were dropped"),
+        count(report.duplicates, "triangles that repeat another were dropped"),
+        count(report.duplicates_of_other_material, "of them had another material; the first in the file was kept"),
+        count(report.repaired_normals, "vertex normals were repaired"),
+        count(report.clamped_materials.len() as u64, "materials were clamped into range"),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// What a scene does not need is not there.
+fn not_needed(scene: &Scene) -> Vec<String> {
+    let mut out = Vec::new();
+    if !scene.mesh().has_uvs() {
+        out.push("texture coordinates: no material needs them".into());
+    }
+    if scene.environment().is_none() {
+        out.push("environment look-ups: there is no environment".into());
+    }
+    if scene.lights().is_empty() {
+        out.push("punctual lights: there are none".into());
+    }
+    if !scene.is_lit() {
+        out.push("the solve: nothing emits light".into());
+    }
+    out
+}

@@ -1,0 +1,227 @@
+//! From a lit scene to a picture, and from a picture to files.
+
+use std::path::Path;
+
+use hplt_geom::radiometry::luminance;
+use hplt_geom::{Camera, Image, Progress, Rgb};
+use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
+use hplt_sampling::random::Stage;
+use hplt_splat::{GBuffer, GBufferOptions, LayerValues, layers, radiance};
+use hplt_transport::{DirectLight, DirectOptions, FinalGatherOptions, direct_irradiance};
+
+use crate::exit::{Exit, Failure};
+use crate::job::{Lit, Run};
+use crate::outputs::extension;
+use crate::sections::{Display, RenderSection, ToneMapName};
+use crate::values::Size;
+
+/// A picture with everything that is known per sample.
+pub struct Picture {
+    gbuffer: GBuffer,
+    direct: Vec<Rgb>,
+    indirect: Vec<Rgb>,
+    /// Radiance, W m⁻² sr⁻¹.
+    pub radiance: Image,
+}
+
+/// Takes a picture of a lit scene.
+///
+/// Direct light is shaded per sample, indirect light comes from the field in the way that the settings name. After an early
+/// stop both are read from the field, with one sample per pixel, so that it is over soon.
+///
+/// # Errors
+/// When stopped, and when a pixel is not finite.
+pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Result<Picture, Failure> {
+    let settings = run.settings;
+    let to_the_end = run.reporter.to_the_end();
+    let progress: &dyn Progress = if lit.is_cut_short { &to_the_end } else { run.reporter };
+    let options = GBufferOptions {
+        width: size.width as u32,
+        height: size.height as u32,
+        samples_per_axis: if lit.is_cut_short { 1 } else { settings.samples as u32 },
+        seed: settings.transport.seed,
+    };
+    let gbuffer = run.stage("g-buffer", |_| {
+        let mut gbuffer = GBuffer::trace(lit.scene, &lit.bvh, camera, options, progress)?;
+        gbuffer.set_regions(lit.regions.locate(lit.scene, &lit.bvh, &gbuffer.surface_points()));
+        Ok::<_, hplt_splat::Error>(gbuffer)
+    });
+    let gbuffer = gbuffer.map_err(splat_failure)?;
+    run.report.enter_memory("g-buffer", gbuffer.memory());
+    let direct =
+        run.stage("direct light of pixels", |_| shade_direct(lit, &gbuffer, settings.transport.seed, progress))?;
+    let indirect = run.stage("indirect light of pixels", |run| shade_indirect(run, lit, &gbuffer, progress))?;
+    let radiance = radiance(&gbuffer, &direct, &indirect);
+    check_finite(&radiance)?;
+    Ok(Picture { gbuffer, direct, indirect, radiance })
+}
+
+fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Progress) -> Result<Vec<Rgb>, Failure> {
+    let queries = gbuffer.queries();
+    if lit.is_cut_short {
+        return Ok(lit.field.direct_at(&lit.basis, &queries));
+    }
+    // The samples of a pixel share the work.
+    let per_pixel = gbuffer.samples_per_pixel().next_power_of_two() as u32;
+    let base = DirectOptions::display();
+    let options = DirectOptions {
+        seed,
+        light_samples: (base.light_samples / per_pixel).max(4),
+        sky_samples: (base.sky_samples / per_pixel).max(16),
+        ..base
+    };
+    let lights = DirectLight::new(lit.scene, options);
+    Ok(direct_irradiance(&lights, &lit.bvh, &queries, Stage::Shading, progress)?)
+}
+
+fn shade_indirect(
+    run: &Run<'_>,
+    lit: &Lit<'_>,
+    gbuffer: &GBuffer,
+    progress: &dyn Progress,
+) -> Result<Vec<Rgb>, Failure> {
+    let settings = run.settings;
+    if settings.display == Display::FinalGather && !lit.is_cut_short {
+        let options = FinalGatherOptions {
+            n_rays: settings.gather_rays,
+            stage: Stage::FinalGather,
+            seed: settings.transport.seed,
+        };
+        let levels = settings.transport.sender_levels;
+        let gathered = lit.field.gather(&lit.model(), levels, &gbuffer.queries(), options, progress)?;
+        return Ok(gathered.iter().map(|g| g.irradiance).collect());
+    }
+    Ok(lit.field.show(&lit.basis, settings.display, gbuffer, progress)?.0)
+}
+
+fn splat_failure(error: hplt_splat::Error) -> Failure {
+    match error {
+        hplt_splat::Error::Interrupted(_) => Failure::interrupted(),
+        _ => Failure::usage(error.to_string()),
+    }
+}
+
+/// Fails with the place of the first pixel that is not finite.
+///
+/// # Errors
+/// With column and row.
+pub fn check_finite(image: &Image) -> Result<(), Failure> {
+    match image.pixels().iter().position(|p| !p.is_finite()) {
+        Some(i) => {
+            let (x, y) = (i % image.width(), i / image.width());
+            let message = format!("picture: column {x}, row {y}: {}; expected finite radiance", image.pixels()[i]);
+            Err(Failure::new(Exit::NotFinite, "NOT_FINITE", message))
+        }
+        None => Ok(()),
+    }
+}
+
+impl Picture {
+    /// Writes the picture as PNG or as EXR with all layers, by extension.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&self, path: &Path, render: &RenderSection, metadata: &[(String, String)]) -> Result<(), Failure> {
+        match extension(path).as_str() {
+            "png" => write_tone_mapped(path, &self.radiance, render, metadata),
+            _ => Ok(write_exr(path, &self.exr(metadata))?),
+        }
+    }
+
+    fn exr(&self, metadata: &[(String, String)]) -> ExrImage {
+        let mut exr = ExrImage::new(self.radiance.width(), self.radiance.height());
+        exr.push_rgb("", &self.radiance, ExrPrecision::Float);
+        for layer in layers(&self.gbuffer, &self.direct, &self.indirect) {
+            let name = match layer.name {
+                "normal" => "N",
+                "position" => "P",
+                "depth" => "Z",
+                other => other,
+            };
+            match layer.values {
+                LayerValues::Color(image) if name == "albedo" => exr.push_rgb(name, &image, ExrPrecision::Half),
+                LayerValues::Color(image) => exr.push_rgb(name, &image, ExrPrecision::Float),
+                LayerValues::Vector(values) => exr.push_xyz(name, &values),
+                LayerValues::Scalar(values) => exr.push(name, ExrSamples::Float(values)),
+            }
+        }
+        exr.metadata = metadata.to_vec();
+        exr
+    }
+}
+
+/// Writes a PNG with the exposure and tone map of the settings.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_tone_mapped(
+    path: &Path,
+    image: &Image,
+    render: &RenderSection,
+    metadata: &[(String, String)],
+) -> Result<(), Failure> {
+    let tone_map = match render.tone_map.unwrap_or(ToneMapName::Aces) {
+        ToneMapName::None => ToneMap::None,
+        ToneMapName::Reinhard => ToneMap::Reinhard,
+        ToneMapName::Aces => ToneMap::Aces,
+    };
+    let exposure_ev = render.exposure.unwrap_or_else(|| automatic_exposure(image));
+    Ok(write_png(path, image, &PngOptions { exposure_ev, tone_map }, metadata)?)
+}
+
+/// Writes an EXR with radiance alone.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_plain_exr(path: &Path, image: &Image, metadata: &[(String, String)]) -> Result<(), Failure> {
+    let mut exr = ExrImage::new(image.width(), image.height());
+    exr.push_rgb("", image, ExrPrecision::Float);
+    exr.metadata = metadata.to_vec();
+    Ok(write_exr(path, &exr)?)
+}
+
+/// Stops that bring the median luminance of what is not black to 0.18, in tenths; 0 for a black picture.
+fn automatic_exposure(image: &Image) -> f32 {
+    let mut values: Vec<f32> = image.pixels().iter().map(|p| luminance(*p)).filter(|&y| y > 0.0).collect();
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    let (_, median, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
+    ((0.18 / *median).log2() * 10.0).round() / 10.0
+}
+
+/// Checks the extensions of pictures to be written.
+///
+/// # Errors
+/// When one is neither `.png` nor `.exr`.
+pub fn check_extensions<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Result<(), Failure> {
+    for path in paths {
+        if !matches!(extension(path).as_str(), "png" | "exr") {
+            let shown = hplt_io::sanitized(&path.to_string_lossy());
+            return Err(Failure::usage(format!("{shown}: unknown kind of picture; expected .png or .exr")));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_automatic_exposure_brings_the_median_to_middle_grey() {
+        let image = Image::from_pixels(4, 1, [0.0, 0.36, 0.36, 50.0].map(Rgb::splat).to_vec());
+        assert_eq!(automatic_exposure(&image), -1.0);
+        assert_eq!(automatic_exposure(&Image::new(2, 2)), 0.0);
+    }
+
+    #[test]
+    fn a_pixel_that_is_not_finite_is_named() {
+        let mut image = Image::new(3, 2);
+        assert!(check_finite(&image).is_ok());
+        image.pixels_mut()[4] = Rgb::new(0.0, f32::NAN, 0.0);
+        let failure = check_finite(&image).unwrap_err();
+        assert!(failure.exit == Exit::NotFinite && failure.message.contains("column 1, row 1"), "{failure}");
+    }
+}

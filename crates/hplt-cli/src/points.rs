@@ -1,0 +1,157 @@
+//! `hplt points`
+
+use std::path::Path;
+
+use hplt_geom::{OrientedPoint, Progress, RegionId, Rgb};
+use hplt_io::{IrradianceRow, Limits, SensorPoint, read_points_csv, write_irradiance_csv, write_irradiance_rows};
+use hplt_sampling::random::Stage;
+use hplt_transport::{DirectLight, DirectOptions, FinalGatherOptions, direct_irradiance};
+
+use crate::args::PointsArgs;
+use crate::exit::{Exit, Failure};
+use crate::job::{Lit, Run};
+use crate::outputs::{check_outputs, to_stdout};
+use crate::render::inputs;
+use crate::sections::RenderSection;
+use crate::session::{Ended, session};
+use crate::settings::power_of_two;
+use crate::snap::{Placed, place};
+use crate::solution;
+
+/// Rays of points in the air, when no final gather is asked for.
+const AIR_RAYS: u32 = 1024;
+
+/// Lights a scene and writes the irradiance at given points.
+///
+/// # Errors
+/// With what stopped it.
+pub fn run(args: &PointsArgs) -> Result<Ended, Failure> {
+    power_of_two("--final-gather", args.final_gather)?;
+    let out = file_output(args.out.as_deref(), args.common.output.json)?;
+    session("points", (&args.common, &RenderSection::default()), &args.scene, |run| {
+        let Some(at) = &args.at else { return Err(Failure::usage("--at is missing")) };
+        let mut read = inputs(&args.scene, args.solution.as_deref());
+        read.push(at);
+        check_outputs(out.as_slice(), &read, args.common.output.force)?;
+        let sensors = read_points_csv(at, &Limits::default())?;
+        let rows = measure(run, args, &sensors)?;
+        write(run, out, &rows)
+    })
+}
+
+/// The file to write, `None` for stdout.
+///
+/// # Errors
+/// When table and JSON document would both go to stdout.
+pub fn file_output(out: Option<&Path>, as_json: bool) -> Result<Option<&Path>, Failure> {
+    let file = out.filter(|path| *path != Path::new("-"));
+    if as_json && file.is_none() {
+        return Err(Failure::usage("--json prints one document to stdout; expected a file for the table (--out FILE)"));
+    }
+    Ok(file)
+}
+
+fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Result<Vec<IrradianceRow>, Failure> {
+    let loaded = run.load(&args.scene)?;
+    let Some(scene) = &loaded.scene else {
+        run.report.converged = true;
+        run.report.stop = "no-surface";
+        return Ok(rows(sensors, &vec![[Rgb::ZERO; 2]; sensors.len()]));
+    };
+    let mut lit = match &args.solution {
+        Some(path) => solution::light(run, scene, path)?,
+        None => run.light(scene)?,
+    };
+    run.check_strict()?;
+    let reach = (args.snap.0 * f64::from(scene.diagonal())) as f32;
+    let (placed, points) = run.stage("points onto surfaces", |_| {
+        let placed = place(scene, &lit.bvh, sensors, reach);
+        let points = lit.locate(&placed.iter().map(|p| (p.position, p.normal)).collect::<Vec<_>>());
+        (placed, points)
+    });
+    count(run, &placed, &points);
+    let light = match light_at(run, &lit, (&placed, &points), args.final_gather) {
+        Err(failure) if failure.exit == Exit::Interrupted => {
+            lit.is_cut_short = true;
+            run.cut_short();
+            run.check_strict()?;
+            light_at(run, &lit, (&placed, &points), args.final_gather)?
+        }
+        other => other?,
+    };
+    if let Some(i) = light.iter().position(|[d, i]| !(*d + *i).is_finite()) {
+        let message = format!("point {}: irradiance is not finite; expected finite light", i + 1);
+        return Err(Failure::new(Exit::NotFinite, "NOT_FINITE", message));
+    }
+    Ok(rows(sensors, &light))
+}
+
+fn count(run: &mut Run<'_>, placed: &[Placed], points: &[OrientedPoint]) {
+    let in_air = placed.iter().filter(|p| !p.is_on_surface).count();
+    let dark = points.iter().filter(|p| p.region == RegionId::DARK).count();
+    run.report.more.insert("points".into(), points.len().into());
+    run.report.more.insert("points_in_air".into(), in_air.into());
+    run.report.more.insert("points_without_light".into(), dark.into());
+    if in_air > 0 {
+        run.report
+            .warnings
+            .push(format!("{in_air} of {} points are not on a surface: gathered in the air", placed.len()));
+    }
+}
+
+/// Direct and indirect irradiance at every point. After an early stop all of it is interpolated.
+fn light_at(
+    run: &mut Run<'_>,
+    lit: &Lit<'_>,
+    (placed, points): (&[Placed], &[OrientedPoint]),
+    final_gather: Option<u32>,
+) -> Result<Vec<[Rgb; 2]>, Failure> {
+    if lit.is_cut_short {
+        let direct = lit.field.direct_at(&lit.basis, points);
+        let (indirect, _) = lit.field.indirect_at(&lit.basis, points);
+        return Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i]).collect());
+    }
+    let transport = &run.settings.transport;
+    let progress: &dyn Progress = run.reporter;
+    let options = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
+    let direct = run.stage("direct light of points", |_| {
+        let lights = DirectLight::new(lit.scene, options);
+        direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
+    })?;
+    let gathered: Vec<usize> =
+        (0..points.len()).filter(|&i| final_gather.is_some() || !placed[i].is_on_surface).collect();
+    let indirect = run.stage("indirect light of points", |_| {
+        let (mut indirect, _) = lit.field.indirect_at(&lit.basis, points);
+        let receivers: Vec<OrientedPoint> = gathered.iter().map(|&i| points[i]).collect();
+        let options = FinalGatherOptions {
+            n_rays: final_gather.unwrap_or(AIR_RAYS),
+            stage: Stage::FinalGather,
+            seed: transport.seed,
+        };
+        let found = lit.field.gather(&lit.model(), transport.sender_levels, &receivers, options, progress)?;
+        gathered.iter().zip(found).for_each(|(&i, g)| indirect[i] = g.irradiance);
+        Ok::<_, Failure>(indirect)
+    })?;
+    Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i]).collect())
+}
+
+fn rows(sensors: &[SensorPoint], light: &[[Rgb; 2]]) -> Vec<IrradianceRow> {
+    let row = |(point, [direct, indirect]): (&SensorPoint, &[Rgb; 2])| IrradianceRow {
+        point: *point,
+        direct: *direct,
+        indirect: *indirect,
+        total: *direct + *indirect,
+    };
+    sensors.iter().zip(light).map(row).collect()
+}
+
+fn write(run: &mut Run<'_>, out: Option<&Path>, rows: &[IrradianceRow]) -> Result<(), Failure> {
+    match out {
+        Some(path) => {
+            run.stage("write", |_| write_irradiance_csv(path, rows))?;
+            run.report.outputs.push(hplt_io::sanitized(&path.to_string_lossy()));
+            Ok(())
+        }
+        None => to_stdout(|mut out| write_irradiance_rows(&mut out, rows)),
+    }
+}

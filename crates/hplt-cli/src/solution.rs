@@ -1,0 +1,172 @@
+//! Solution files: the hierarchy with its light, tied to its scene.
+
+use std::path::Path;
+
+use hplt_basis::{BasisOptions, ShepardBasis};
+use hplt_geom::glam::Vec3;
+use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene};
+use hplt_io::{Limits, Section, SectionData, SolutionFile, read_solution};
+use hplt_sampling::Regions;
+
+use crate::exit::{Exit, Failure};
+use crate::field::Field;
+use crate::job::{Lit, Run};
+use crate::report::LevelRow;
+use crate::sections::{ReconstructionName, Variant};
+
+/// The layout of sections in the file; changes with it.
+const LAYOUT: &str = "1";
+
+/// The content of a solution file for a lit scene.
+pub fn to_file(run: &Run<'_>, lit: &Lit<'_>) -> SolutionFile {
+    let mut metadata = run.metadata();
+    metadata.push(("hplt.layout".into(), LAYOUT.into()));
+    metadata.push(("hplt.variant".into(), lit.field.variant().name().into()));
+    metadata.push(("hplt.reconstruction".into(), run.settings.reconstruction.name().into()));
+    metadata.push(("hplt.levels".into(), lit.basis.n_levels().to_string()));
+    metadata.push(("hplt.regions".into(), lit.regions.n_regions().to_string()));
+    let mut sections = Vec::new();
+    let mut push = |name: String, data: SectionData| sections.push(Section { name, data });
+    for (l, level) in lit.basis.hierarchy().levels.iter().enumerate() {
+        let points = &level.points;
+        let [direct, indirect] = lit.field.level(l);
+        let vectors = |get: fn(&OrientedPoint) -> Vec3| SectionData::F32(flat(points.iter().map(get)));
+        push(format!("level{l}.radius"), SectionData::F32(vec![level.poisson_radius]));
+        push(format!("level{l}.position"), vectors(|p| p.position));
+        push(format!("level{l}.normal"), vectors(|p| p.normal));
+        push(format!("level{l}.area"), SectionData::F32(points.iter().map(|p| p.area).collect()));
+        push(format!("level{l}.region"), SectionData::U32(points.iter().map(|p| p.region.0).collect()));
+        push(format!("level{l}.direct"), SectionData::F32(flat(direct.iter().copied())));
+        push(format!("level{l}.indirect"), SectionData::F32(flat(indirect.iter().copied())));
+    }
+    SolutionFile { metadata, sections }
+}
+
+/// Light from a solution file instead of a solve.
+///
+/// # Errors
+/// When the file is damaged, or belongs to another scene, layout or version.
+pub fn light<'s>(run: &mut Run<'_>, scene: &'s Scene, path: &Path) -> Result<Lit<'s>, Failure> {
+    let bvh = run.build_bvh(scene);
+    let shown = hplt_io::sanitized(&path.to_string_lossy());
+    let refuse = |what: String| Failure::new(Exit::Solution, "SOLUTION_MISMATCH", format!("{shown}: {what}"));
+    let file = run.stage("read solution", |_| read_solution(path, &Limits::default()))?;
+    check_matches(run, &file).map_err(&refuse)?;
+    let levels: usize = number(&file, "hplt.levels").map_err(&refuse)?;
+    if levels > 64 {
+        return Err(refuse(format!("{levels} levels; expected 64 at most")));
+    }
+    let n_regions: u32 = number(&file, "hplt.regions").map_err(&refuse)?;
+    let read = (0..levels).map(|l| read_level(&file, l, n_regions, &refuse)).collect::<Result<Vec<_>, _>>()?;
+    let (mut hierarchy, mut direct, mut indirect) = (Vec::new(), Vec::new(), Vec::new());
+    for (level, d, i) in read {
+        hierarchy.push(level);
+        direct.push(d);
+        indirect.push(i);
+    }
+    let variant = Variant::from_name(value(&file, "hplt.variant").map_err(&refuse)?)
+        .ok_or_else(|| refuse("unknown variant".into()))?;
+    let reconstruction = ReconstructionName::from_name(value(&file, "hplt.reconstruction").map_err(&refuse)?)
+        .ok_or_else(|| refuse("unknown reconstruction".into()))?;
+    let seed = number(&file, "hplt.seed").map_err(&refuse)?;
+    let reporter = run.reporter;
+    let regions = run.stage("regions", |_| Regions::build(scene, &bvh, seed, reporter))?;
+    if regions.n_regions() != n_regions {
+        return Err(refuse(format!("{n_regions} regions; the scene has {}; solve again", regions.n_regions())));
+    }
+    let points = PointHierarchy { levels: hierarchy, n_regions };
+    let basis = run.stage("basis", |_| ShepardBasis::build(points, BasisOptions::default()));
+    let field = Field::from_levels([direct, indirect], variant, reconstruction);
+    enter(run, &file, &basis, scene.frame().scale());
+    run.report.enter_memory("points, trees, parents", basis.memory());
+    run.report.enter_memory("coefficients", field.memory());
+    Ok(Lit { scene, bvh, regions, basis, field, is_cut_short: false })
+}
+
+fn check_matches(run: &Run<'_>, file: &SolutionFile) -> Result<(), String> {
+    for (key, expected, what) in [
+        ("hplt.layout", LAYOUT, "layout"),
+        ("hplt.version", run.report.version, "version of hplt"),
+        ("hplt.scene_hash", &run.report.scene_hash, "scene (lights included) with hash"),
+    ] {
+        let found = value(file, key)?;
+        if found != expected {
+            let found = hplt_io::sanitized(found);
+            return Err(format!("is of another {what}: {found}; expected {expected}; solve again"));
+        }
+    }
+    Ok(())
+}
+
+fn enter(run: &mut Run<'_>, file: &SolutionFile, basis: &ShepardBasis, scale: f64) {
+    let levels = basis.hierarchy().levels.iter();
+    run.report.levels =
+        levels.map(|l| LevelRow { points: l.points.len(), radius: f64::from(l.poisson_radius) * scale }).collect();
+    run.report.converged = file.value("hplt.converged") == Some("true");
+    run.report.stop = match file.value("hplt.stop") {
+        Some("converged") => "converged",
+        Some("max-bounces") => "max-bounces",
+        Some("no-light") => "no-light",
+        Some("time-limit") => "time-limit",
+        _ => "stopped early",
+    };
+    let parsed = |key: &str| file.value(key).and_then(|v| v.parse::<f64>().ok());
+    run.report.truncation_bound = parsed("hplt.truncation_bound");
+    if !run.report.converged {
+        run.report.warnings.push("the solution is not converged".into());
+    }
+}
+
+type ReadLevel = (PointLevel, Vec<Rgb>, Vec<Rgb>);
+
+fn read_level(
+    file: &SolutionFile,
+    l: usize,
+    n_regions: u32,
+    refuse: &impl Fn(String) -> Failure,
+) -> Result<ReadLevel, Failure> {
+    let floats = |what: &str| file.floats(&format!("level{l}.{what}"));
+    let [radius, area] = [floats("radius")?, floats("area")?];
+    let [position, normal, direct, indirect] =
+        [floats("position")?, floats("normal")?, floats("direct")?, floats("indirect")?];
+    let region = file.integers(&format!("level{l}.region"))?;
+    let n = region.len();
+    let fits =
+        radius.len() == 1 && area.len() == n && [position, normal, direct, indirect].iter().all(|v| v.len() == 3 * n);
+    if !fits {
+        return Err(refuse(format!("level {l}: sections of different lengths; expected {n} points in each")));
+    }
+    let all = [radius, area, position, normal, direct, indirect];
+    if all.iter().any(|v| v.iter().any(|x| !x.is_finite())) || !(radius[0] > 0.0) {
+        return Err(refuse(format!("level {l}: a number is not finite; expected finite numbers")));
+    }
+    if let Some(bad) = region.iter().find(|&&r| r >= n_regions) {
+        return Err(refuse(format!("level {l}: region {bad}; expected less than {n_regions}")));
+    }
+    let vectors = |v: &[f32]| v.chunks_exact(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect::<Vec<_>>();
+    let (positions, normals) = (vectors(position), vectors(normal));
+    if let Some(i) = normals.iter().position(|v| (v.length() - 1.0).abs() > 1e-3) {
+        return Err(refuse(format!("level {l}: normal {i} has length {}; expected 1", normals[i].length())));
+    }
+    let points = (0..n).map(|i| OrientedPoint {
+        position: positions[i],
+        normal: normals[i],
+        region: RegionId(region[i]),
+        area: area[i],
+    });
+    let level = PointLevel { poisson_radius: radius[0], points: points.collect() };
+    Ok((level, vectors(direct), vectors(indirect)))
+}
+
+fn value<'f>(file: &'f SolutionFile, key: &str) -> Result<&'f str, String> {
+    file.value(key).ok_or_else(|| format!("has no {key}; expected one"))
+}
+
+fn number<T: std::str::FromStr>(file: &SolutionFile, key: &str) -> Result<T, String> {
+    let text = value(file, key)?;
+    text.parse().map_err(|_| format!("{key} is \"{}\"; expected a number", hplt_io::sanitized(text)))
+}
+
+fn flat(values: impl Iterator<Item = Vec3>) -> Vec<f32> {
+    values.flat_map(|v| v.to_array()).collect()
+}
