@@ -2,7 +2,11 @@
 
 /// `f(scratch, i)` for `i` in `0..n`, in order of `i`. Every worker makes its scratch with `init`; `f` must not let
 /// what is left in it change a result.
-pub fn map<S, T: Send>(n: usize, init: impl Fn() -> S + Sync + Send, f: impl Fn(&mut S, usize) -> T + Sync + Send) -> Vec<T> {
+pub fn map<S, T: Send>(
+    n: usize,
+    init: impl Fn() -> S + Sync + Send,
+    f: impl Fn(&mut S, usize) -> T + Sync + Send,
+) -> Vec<T> {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
