@@ -83,9 +83,9 @@ impl std::error::Error for Report {}
 /// anywhere, aimed at vertices and edges, and along the axes. Then bad rays, segments and the independence of a ray from
 /// its batch. Costs `n_rays × n_triangles` triangle tests.
 ///
-/// A hit passes when it lies as near as the nearest crossing and on its own triangle, to 2e-6 scene units. Where the
-/// crossing is within rounding of an edge, a hit may be missing only if brute force finds none either on the neighbouring
-/// triangles. Scenes with alpha masks are refused, since a rounding of a texture coordinate may turn a texel.
+/// A hit passes when it lies as near as the nearest crossing and on its own triangle, to 2e-6 scene units. Where the ray
+/// touches an outline, what one of eight rays 2e-6 beside it meets passes too; a leak between two triangles that share
+/// a visible edge does not. Scenes with alpha masks are refused, since a rounding of a texture coordinate may turn a texel.
 pub fn ray_caster(caster: &dyn RayCaster, scene: &Scene, n_rays: usize, seed: u64) -> Report {
     let mut report = Report::default();
     if scene.materials().iter().any(|material| material.alpha.is_some()) {
@@ -98,7 +98,7 @@ pub fn ray_caster(caster: &dyn RayCaster, scene: &Scene, n_rays: usize, seed: u6
     for (ray, hit) in rays.iter().zip(&hits) {
         check_nearest(scene, ray, hit, &mut report);
     }
-    check_occlusion(caster, &rays, &hits, &mut report);
+    check_occlusion(caster, scene, &rays, &hits, &mut report);
     check_batches(caster, &rays, &hits, &mut report);
     check_bad_rays(caster, &mut report);
     report
@@ -106,27 +106,34 @@ pub fn ray_caster(caster: &dyn RayCaster, scene: &Scene, n_rays: usize, seed: u6
 
 fn check_nearest(scene: &Scene, ray: &Ray, hit: &Hit, report: &mut Report) {
     let length = f64::from(ray.direction.length());
-    let nearest = brute_force(scene, ray);
-    let Some((_, expected)) = nearest else {
-        let grazes = !hit.is_miss() && distance_to_triangle(scene, ray, hit) * length <= TOLERANCE;
-        report.check(hit.is_miss() || grazes, || format!("{ray:?} meets nothing, but found {hit:?}"));
-        return;
-    };
-    report.check(!hit.is_miss(), || format!("{ray:?} meets a surface at t = {}, but found nothing", expected.t));
+    let slack = |t: f64| TOLERANCE + 1e-6 * t * length;
+    let found = if hit.is_miss() { f64::INFINITY } else { f64::from(hit.t) };
+    let agrees = |t: f64| t == found || (t - found).abs() * length <= slack(t);
+    let expected = brute_force(scene, ray);
+    // A nearer hit than any in f64 lies on an outline; the check of its weights below says whether it is one.
+    let right = agrees(expected) || found < expected;
+    let beside = |t: f64| agrees(t) || (t - found).abs() * length <= 1e-4;
+    report.check(right || any_beside(scene, ray, beside), || {
+        format!("{ray:?} meets a surface at t = {expected}, but found {hit:?}")
+    });
     if hit.is_miss() {
         return;
     }
-    let off = (f64::from(hit.t) - expected.t).abs() * length;
-    report.check(off <= TOLERANCE + 1e-6 * expected.t * length, || {
-        format!("{ray:?} meets a surface at t = {}, but found {hit:?}", expected.t)
-    });
     let gap = distance_to_triangle(scene, ray, hit);
-    report.check(gap <= TOLERANCE + 1e-6 * expected.t * length, || {
-        format!("{ray:?}: the weights of {hit:?} lie {gap} beside the ray's end")
-    });
-    let normal = scene.mesh().face_normal(hit.triangle);
-    let facing = -normal.dot(ray.direction) / ray.direction.length();
+    report.check(gap <= slack(found), || format!("{ray:?}: the weights of {hit:?} lie {gap} beside the ray's end"));
+    let facing = -scene.mesh().face_normal(hit.triangle).dot(ray.direction) / ray.direction.length();
     report.check(facing.abs() < 1e-5 || hit.is_front == (facing > 0.0), || format!("{ray:?}: wrong side of {hit:?}"));
+}
+
+/// Whether `holds` for the nearest distance along any of eight rays a hair beside `ray`: at an outline either answer is
+/// right, at an edge between two visible triangles none but theirs.
+fn any_beside(scene: &Scene, ray: &Ray, holds: impl Fn(f64) -> bool) -> bool {
+    let (a, b) = ray.direction.as_dvec3().normalize().any_orthonormal_pair();
+    (0..8).any(|i| {
+        let angle = std::f64::consts::FRAC_PI_4 * (f64::from(i) + 0.37);
+        let offset = (a * angle.cos() + b * angle.sin()) * TOLERANCE;
+        holds(nearest_distance(scene, ray.origin.as_dvec3() + offset, ray.direction.as_dvec3()))
+    })
 }
 
 /// How far the point that a hit's weights give lies from the point that its distance gives.
@@ -137,19 +144,21 @@ fn distance_to_triangle(scene: &Scene, ray: &Ray, hit: &Hit) -> f64 {
 }
 
 /// A segment that ends before its hit is free, one that ends behind it is blocked.
-fn check_occlusion(caster: &dyn RayCaster, rays: &[Ray], hits: &[Hit], report: &mut Report) {
+fn check_occlusion(caster: &dyn RayCaster, scene: &Scene, rays: &[Ray], hits: &[Hit], report: &mut Report) {
     for (factor, expected) in [(0.999, false), (1.001, true)] {
         let met = || rays.iter().zip(hits).filter(|(_, hit)| !hit.is_miss() && hit.t > 1e-4);
         let segments: Vec<Ray> = met().map(|(ray, hit)| Ray { t_max: hit.t * factor, ..*ray }).collect();
         let mut occluded = vec![!expected; segments.len()];
         caster.trace_occluded(&segments, &mut occluded);
-        for (segment, found) in segments.iter().zip(occluded) {
-            report.check(found == expected, || format!("{segment:?}: occluded is {found}, expected {expected}"));
-        }
         let mut nearest = vec![Hit::MISS; segments.len()];
         caster.trace_nearest(&segments, &mut nearest);
-        for (segment, hit) in segments.iter().zip(nearest) {
-            report.check(hit.is_miss() != expected, || format!("{segment:?}: t_max is not respected by {hit:?}"));
+        for ((segment, found), hit) in segments.iter().zip(occluded).zip(nearest) {
+            let outline = |found: bool| any_beside(scene, segment, |t| (t < f64::from(segment.t_max)) == found);
+            report.check(found == expected || outline(found), || {
+                format!("{segment:?}: occluded is {found}, expected {expected}")
+            });
+            let met = !hit.is_miss();
+            report.check(met == expected || outline(met), || format!("{segment:?}: t_max is not respected by {hit:?}"));
         }
     }
 }
@@ -183,18 +192,19 @@ fn check_bad_rays(caster: &dyn RayCaster, report: &mut Report) {
     }
 }
 
-/// The nearest crossing over all triangles; front sides first, then low ids, among equal distances.
-fn brute_force(scene: &Scene, ray: &Ray) -> Option<(TriangleId, Crossing)> {
-    let sheared = ShearedRay::new(ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let mut best: Option<(TriangleId, Crossing)> = None;
-    for t in (0..scene.mesh().n_triangles() as u32).map(TriangleId) {
-        if let Some(crossing) = sheared.cross(&scene.mesh().corners(t))
-            && best.as_ref().is_none_or(|(_, b)| crossing.t < b.t)
-        {
-            best = Some((t, crossing));
-        }
-    }
-    best
+/// The distance to the nearest crossing over all triangles; infinite without one.
+fn brute_force(scene: &Scene, ray: &Ray) -> f64 {
+    nearest_distance(scene, ray.origin.as_dvec3(), ray.direction.as_dvec3())
+}
+
+fn nearest_distance(scene: &Scene, origin: DVec3, direction: DVec3) -> f64 {
+    crossings(scene, origin, direction).map(|(_, c)| c.t).fold(f64::INFINITY, f64::min)
+}
+
+fn crossings(scene: &Scene, origin: DVec3, direction: DVec3) -> impl Iterator<Item = (TriangleId, Crossing)> + '_ {
+    let sheared = ShearedRay::new(origin, direction);
+    let triangles = (0..scene.mesh().n_triangles() as u32).map(TriangleId);
+    triangles.filter_map(move |t| sheared.cross(&scene.mesh().corners(t)).map(|crossing| (t, crossing)))
 }
 
 fn test_rays(scene: &Scene, n: usize, seed: u64) -> Vec<Ray> {
@@ -233,8 +243,9 @@ mod tests {
     impl Naive<'_> {
         fn hit(&self, ray: Ray) -> Hit {
             let finite = ray.origin.is_finite() && ray.direction.is_finite() && ray.direction != Vec3::ZERO;
-            let found = if finite { brute_force(self.scene, &ray) } else { None };
-            found.filter(|(_, c)| c.t < f64::from(ray.t_max)).map_or(Hit::MISS, |(triangle, c)| {
+            let all = crossings(self.scene, ray.origin.as_dvec3(), ray.direction.as_dvec3());
+            let nearest = all.min_by(|a, b| a.1.t.total_cmp(&b.1.t)).filter(|_| finite);
+            nearest.filter(|(_, c)| c.t < f64::from(ray.t_max)).map_or(Hit::MISS, |(triangle, c)| {
                 let (t, u, v) = (c.t as f32, c.u as f32, c.v as f32);
                 (self.spoil)(ray, Hit { t, u, v, triangle, is_front: c.is_front })
             })
