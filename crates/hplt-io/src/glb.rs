@@ -12,8 +12,9 @@ use crate::{Error, write_atomically};
 /// Writes a scene as a GLB file: triangles, materials, punctual lights and cameras. Returns what the format (or this
 /// writer) leaves out, one line each.
 ///
-/// Vertices keep their bits: they are stored in scene space, under a node that carries the scene's frame. A scene that
-/// came without textures, environment and suns loads back equal, except that unused materials are gone.
+/// Vertices keep their bits: they are stored in scene space, under a node that carries the scene's frame. A scene
+/// without textures, environment and suns loads back as it was, ordered by material and without unused materials; albedos
+/// above the loader's cap return only if the cap is lifted.
 ///
 /// # Errors
 /// [`Error::Write`] when the file cannot be written or would exceed the 4 GiB of the format.

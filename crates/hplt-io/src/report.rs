@@ -47,6 +47,7 @@ impl LoadReport {
     }
 
     /// Adds something that was left out.
+    #[cfg(any(feature = "gltf", feature = "obj"))]
     pub(crate) fn leave_out(&mut self, what: impl AsRef<str>) {
         push_bounded(&mut self.left_out, &mut self.suppressed_warnings, what.as_ref());
     }

@@ -13,6 +13,7 @@ pub(crate) struct Decoded {
     /// The mean linear value.
     pub(crate) mean: Rgb,
     /// The smallest alpha, 0 to 1.
+    #[cfg_attr(not(feature = "gltf"), allow(dead_code, reason = "other formats have no cut-outs"))]
     pub(crate) least_alpha: f32,
 }
 

@@ -1,5 +1,6 @@
 //! The real scenes: Cornell, Sponza and the scans, from the folder `HPLT_SCENES` or `../shared/scenes` beside the
 //! workspace. Where they are absent, each test prints that it is skipped.
+#![cfg(feature = "gltf")]
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -30,7 +31,7 @@ fn built(path: &std::path::Path, options: &LoadOptions) -> (Scene, SceneReport, 
     (scene, report, loaded.report)
 }
 
-#[cfg(all(feature = "gltf", feature = "obj"))]
+#[cfg(feature = "obj")]
 #[test]
 fn both_cornell_boxes_agree() {
     let (Some(glb), Some(obj)) = (scene_file("cornell/cornell.glb"), scene_file("cornell/cornell.obj")) else { return };
@@ -54,7 +55,7 @@ fn both_cornell_boxes_agree() {
                 (material.name.clone(), corners, [a.x, a.y, a.z, m.x, m.y, m.z])
             })
             .collect();
-        all.sort_by(|a, b| a.1.cmp(&b.1));
+        all.sort_by_key(|a| a.1);
         all
     };
     for (a, b) in describe(&glb).iter().zip(describe(&obj)) {
@@ -71,7 +72,7 @@ fn both_cornell_boxes_agree() {
     assert!((area - 0.01365).abs() < 1e-6, "{area}");
 }
 
-#[cfg(all(feature = "gltf", feature = "textures"))]
+#[cfg(feature = "textures")]
 #[test]
 fn sponza_has_its_triangles_textures_cut_outs_and_cameras() {
     let Some(path) = scene_file("sponza/sponza.gltf") else { return };
@@ -96,7 +97,7 @@ fn sponza_has_its_triangles_textures_cut_outs_and_cameras() {
 }
 
 /// Area-weighted over the triangles, each with the mean of its material's texture.
-#[cfg(all(feature = "gltf", feature = "textures"))]
+#[cfg(feature = "textures")]
 fn mean_albedo(scene: &Scene) -> glam::DVec3 {
     const N: u32 = 64;
     let texels = (0..N * N).map(|i| (glam::Vec2::new((i % N) as f32, (i / N) as f32) + 0.5) / N as f32);
@@ -112,7 +113,7 @@ fn mean_albedo(scene: &Scene) -> glam::DVec3 {
     sum / area
 }
 
-#[cfg(all(feature = "gltf", feature = "textures"))]
+#[cfg(feature = "textures")]
 #[test]
 fn the_lit_sponza_has_one_emitter_under_its_roof() {
     let Some(path) = scene_file("sponza/sponza_lit.gltf") else { return };
@@ -129,7 +130,6 @@ fn the_lit_sponza_has_one_emitter_under_its_roof() {
     assert!((y - 10.9).abs() < 1e-3);
 }
 
-#[cfg(feature = "gltf")]
 #[test]
 fn the_scans_have_their_triangles() {
     for (name, n, degenerate, duplicates) in
