@@ -82,9 +82,9 @@ impl<'a> Candidates<'a> {
         &self.points
     }
 
-    /// The indices of the points that are a uniform sample of the reachable area.
-    pub(crate) fn uniform_indices(&self) -> Vec<u32> {
-        (0..self.points.len()).filter(|i| !self.extra.contains(i)).map(|i| i as u32).collect()
+    /// Whether point `i` is part of the uniform sample of the reachable area.
+    pub(crate) fn is_uniform(&self, i: usize) -> bool {
+        !self.extra.contains(&i)
     }
 
     pub(crate) fn n_drawn(&self) -> u64 {

@@ -16,7 +16,7 @@ const N_FRESH: usize = 1 << 15;
 /// Times that the candidates grow by half before the rest of the gaps is accepted.
 const MAX_ROUNDS: usize = 8;
 /// Candidates per point from which areas are counted on a coarse level.
-const AREA_CANDIDATES: usize = 64;
+const AREA_CANDIDATES: usize = 16;
 const STAGE: &str = "placing points";
 
 /// What [`poisson_hierarchy`] makes.
@@ -129,6 +129,7 @@ fn throw_all(
                 progress.check()?;
                 level.throw(candidates, batch);
             }
+            level.settle();
             progress.advance(STAGE, i as u64 + 1, cells.len() as u64);
             Ok(())
         },
@@ -152,26 +153,14 @@ fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, round: 
 
 /// Areas and order.
 fn finish(levels: Vec<Level>, candidates: &Candidates<'_>, plan: &LevelPlan) -> Vec<PointLevel> {
-    let uniform = candidates.uniform_indices();
-    let share = |level: &Level| {
-        let n = uniform.len().min((AREA_CANDIDATES * level.len()).max(1 << 16));
-        let used = &uniform[..n];
-        const CHUNK: usize = 4096;
-        let owners = parallel::map(
-            n.div_ceil(CHUNK),
-            || (),
-            |(), chunk| {
-                let chunk = &used[chunk * CHUNK..n.min((chunk + 1) * CHUNK)];
-                let owner = |&i: &u32| level.nearest(&candidates.points()[i as usize]);
-                chunk.iter().map(owner).collect::<Vec<_>>()
-            },
-        );
-        let mut counts = vec![0u32; level.len()];
-        owners.into_iter().flatten().flatten().for_each(|owner| counts[owner as usize] += 1);
-        let unit = candidates.reachable_area() / n.max(1) as f64;
+    let order = coherent_order(candidates.points(), 0, candidates.points().len());
+    let share = |l: usize| {
+        let counts = count_owned(&levels[l], candidates, &order);
+        let n_used: u64 = counts.iter().map(|&n| u64::from(n)).sum();
+        let unit = candidates.reachable_area() / n_used.max(1) as f64;
         counts.iter().map(|&count| (f64::from(count) * unit) as f32).collect::<Vec<_>>()
     };
-    let areas: Vec<Vec<f32>> = levels.iter().map(share).collect();
+    let areas: Vec<Vec<f32>> = parallel::map(levels.len(), || (), |(), l| share(l));
     let in_order = |level: Level, areas: &[f32]| {
         let mut points = level.into_points();
         points.iter_mut().zip(areas).for_each(|(point, &area)| point.area = area);
@@ -182,6 +171,25 @@ fn finish(levels: Vec<Level>, candidates: &Candidates<'_>, plan: &LevelPlan) -> 
     };
     let together = levels.into_iter().zip(&areas).zip(&plan.radii);
     together.map(|((level, areas), &r)| PointLevel { poisson_radius: r, points: in_order(level, areas) }).collect()
+}
+
+/// For each point of a level the number of uniform candidates that it is the nearest of; all candidates, or on coarse
+/// levels the first ones. `order` lists them all.
+fn count_owned(level: &Level, candidates: &Candidates<'_>, order: &[u32]) -> Vec<u32> {
+    const CHUNK: usize = 4096;
+    let end = (AREA_CANDIDATES * level.len()).max(1 << 16);
+    let owners = parallel::map(
+        order.len().div_ceil(CHUNK),
+        || (),
+        |(), chunk| {
+            let chunk = &order[chunk * CHUNK..order.len().min((chunk + 1) * CHUNK)];
+            let used = chunk.iter().map(|&i| i as usize).filter(|&i| i < end && candidates.is_uniform(i));
+            used.filter_map(|i| level.nearest(&candidates.points()[i])).collect::<Vec<_>>()
+        },
+    );
+    let mut counts = vec![0u32; level.len()];
+    owners.into_iter().flatten().for_each(|owner| counts[owner as usize] += 1);
+    counts
 }
 
 /// `n` points of the surface that light reaches, uniform in area and independent of the candidates: for measuring

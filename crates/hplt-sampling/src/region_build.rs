@@ -3,6 +3,7 @@ use hplt_geom::{
     Interrupted, LightShape, Progress, Ray, RayCaster, RegionId, Scene, SurfacePoint, offset_origin, parallel,
 };
 
+use crate::morton::morton_code;
 use crate::random::{Stage, Stream};
 use crate::regions::{Anchors, Regions, look, oriented};
 use crate::sobol::sobol_2d;
@@ -226,9 +227,10 @@ impl<'a> Builder<'a> {
         let n_lit = labels[..self.n_uniform].iter().filter(|&&label| label != RegionId::DARK).count();
         let sky = sky_member.map(|member| labels[member as usize]);
         // Nobody inherits darkness from a point that may merely be badly connected.
-        let keep: Vec<usize> = (0..n as usize)
+        let mut keep: Vec<usize> = (0..n as usize)
             .filter(|&i| labels[i] != RegionId::DARK || sizes[self.sets.find(i as u32) as usize] >= MIN_DARK_COMPONENT)
             .collect();
+        keep.sort_by_key(|&i| (morton_code(self.points[i].position), i));
         let points: Vec<Oriented> = keep.iter().map(|&i| self.points[i]).collect();
         Regions {
             anchors: Anchors::build(&points, self.reach),

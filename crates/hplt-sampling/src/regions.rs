@@ -156,20 +156,21 @@ impl Anchors {
         (found, n)
     }
 
-    /// The first neighbour of `point` with a visible path to it, trying `counts[i]` of them at slope `i`.
+    /// A neighbour of `point` with a visible path to it: one that is found at once, or else the first of the nearest,
+    /// trying `counts[i]` of them at slope `i`.
     pub(crate) fn join(&self, caster: &dyn RayCaster, point: Oriented, counts: [usize; 3]) -> Option<u32> {
-        // One look-up is nearly always enough.
-        let ([first], n) = self.neighbors::<1>(point);
-        if n == 0 {
-            return None;
+        // Any point nearby will do, and one descent nearly always finds one.
+        let agrees = |id: u32| self.normals[id as usize].dot(point.normal) > MIN_NORMAL_COSINE;
+        let nearby = self.tree.approximate_nearest(point.position, agrees);
+        if let Some((id, distance_squared)) = nearby
+            && distance_squared <= self.reach * self.reach
+            && is_joined(caster, point, self.get(id), SLOPES[0])
+        {
+            return Some(id);
         }
-        if is_joined(caster, point, self.get(first), SLOPES[0]) {
-            return Some(first);
-        }
-        let (neighbors, n) = self.neighbors::<4>(point);
-        let later =
-            (0..SLOPES.len()).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id))).skip(1);
-        later.into_iter().find(|&(s, id)| is_joined(caster, point, self.get(id), SLOPES[s])).map(|(_, id)| id)
+        let (neighbors, n) = self.neighbors::<3>(point);
+        let mut all = (0..SLOPES.len()).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id)));
+        all.find(|&(s, id)| is_joined(caster, point, self.get(id), SLOPES[s])).map(|(_, id)| id)
     }
 
     /// All of the nearest neighbours with a visible path to point `i`, itself excluded.

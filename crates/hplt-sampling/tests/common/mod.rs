@@ -91,3 +91,27 @@ pub fn two_rooms(thickness: f64) -> Shapes {
 pub fn one_sided(name: &str) -> Material {
     Material { reflects: Sides::Front, ..Material::diffuse(name, Vec3::splat(0.5)) }
 }
+
+/// A bumpy ball of `2 n²` triangles in a closed room of 2 m, standing clear of the floor.
+pub fn statue(n: u32) -> Shapes {
+    let mut s = Shapes::new();
+    let white = s.white;
+    s.cuboid([0.0; 3], [2.0; 3], true, white).lamp_at([1.0, 1.95, 1.0], 0.5);
+    let position = |i: u32, j: u32| {
+        let (a, b) = (
+            std::f64::consts::TAU * f64::from(i % n) / f64::from(n),
+            std::f64::consts::PI * f64::from(j) / f64::from(n),
+        );
+        let direction = DVec3::new(b.sin() * a.cos(), b.cos(), b.sin() * a.sin());
+        let bumps = 0.03 * (40.0 * direction.x).sin() * (40.0 * direction.y).sin() * (40.0 * direction.z).sin();
+        DVec3::new(1.0, 0.8, 1.0) + direction * (0.5 + bumps)
+    };
+    let positions: Vec<DVec3> = (0..=n).flat_map(|j| (0..=n).map(move |i| position(i, j))).collect();
+    let at = |i: u32, j: u32| j * (n + 1) + i;
+    let cells = (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
+    let triangles: Vec<[u32; 3]> = cells
+        .flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]])
+        .collect();
+    s.mesh(&positions, &triangles, white);
+    s
+}
