@@ -1,5 +1,3 @@
-use std::collections::HashMap;
-
 use glam::{DVec3, Vec2, Vec3};
 
 use crate::mesh::doubled_area_vector;
@@ -565,37 +563,69 @@ fn repair_normals(normals: &mut [Vec3], report: &mut SceneReport) {
 ///
 /// A repetition has the same corners in the same winding, or in the opposite winding when the earlier one already
 /// stands for both sides: same material, reflecting on both sides, emitting on both or not at all.
+///
+/// Cost: a sort of hashes; independent of how many repetitions there are or how unlucky the hashes.
 fn distinct_triangles(input: &SceneBuilder, positions: &[Vec3], report: &mut SceneReport) -> Vec<usize> {
-    let mut seen: HashMap<[[u32; 3]; 3], usize> = HashMap::with_capacity(input.triangles.len());
-    let mut kept = Vec::with_capacity(input.triangles.len());
+    let corners = |t: u32| corner_bits(input.triangles[t as usize].map(|v| positions[v as usize]));
+    let unordered = |t: u32| {
+        let mut set = corners(t);
+        set.sort_unstable();
+        set
+    };
+    let mut keep = vec![true; input.triangles.len()];
+    let mut by_hash: Vec<(u64, u32)> = Vec::with_capacity(input.triangles.len());
     for (t, triangle) in input.triangles.iter().enumerate() {
-        let corners = triangle.map(|v| positions[v as usize]);
-        let area = doubled_area_vector(corners[0], corners[1], corners[2]).length();
+        let [a, b, c] = triangle.map(|v| positions[v as usize]);
+        let area = doubled_area_vector(a, b, c).length();
         if area.is_nan() || area <= 0.0 {
             report.degenerate += 1;
-            continue;
+            keep[t] = false;
+        } else {
+            by_hash.push((hash(&unordered(t as u32)), t as u32));
         }
-        // Adding zero turns -0 into 0.
-        let bits = corners.map(|p| (p + 0.0).to_array().map(f32::to_bits));
-        let material = input.triangle_materials[t];
-        if let Some(&earlier) = seen.get(&rotated(bits)) {
-            report.duplicates += 1;
-            report.duplicates_of_other_material += u64::from(input.triangle_materials[earlier] != material);
-            continue;
-        }
-        let flipped = rotated([bits[0], bits[2], bits[1]]);
-        let both_sides = {
-            let m = &input.materials[material.0 as usize];
-            m.reflects == crate::Sides::Both && (!m.is_emissive() || m.emits == crate::Sides::Both)
-        };
-        if both_sides && seen.get(&flipped).is_some_and(|&earlier| input.triangle_materials[earlier] == material) {
-            report.duplicates += 1;
-            continue;
-        }
-        seen.insert(rotated(bits), t);
-        kept.push(t);
     }
-    kept
+    by_hash.sort_unstable();
+    for same_hash in by_hash.chunk_by_mut(|x, y| x.0 == y.0).filter(|run| run.len() > 1) {
+        same_hash.sort_unstable_by_key(|&(_, t)| (unordered(t), t));
+        for same_corners in same_hash.chunk_by(|x, y| unordered(x.1) == unordered(y.1)) {
+            // The first triangle of each winding that is kept, in the order of the file.
+            let mut seen: [Option<u32>; 2] = [None; 2];
+            for &(_, t) in same_corners {
+                let winding = usize::from(rotated(corners(t)) != unordered(t));
+                if repeats(input, t, seen[winding], seen[1 - winding], report) {
+                    keep[t as usize] = false;
+                } else {
+                    seen[winding] = Some(t);
+                }
+            }
+        }
+    }
+    (0..input.triangles.len()).filter(|&t| keep[t]).collect()
+}
+
+/// Whether triangle `t` repeats the one of the same or of the opposite winding, and counts it if so.
+fn repeats(input: &SceneBuilder, t: u32, same: Option<u32>, opposite: Option<u32>, report: &mut SceneReport) -> bool {
+    let material = |t: u32| input.triangle_materials[t as usize];
+    if let Some(earlier) = same {
+        report.duplicates += 1;
+        report.duplicates_of_other_material += u64::from(material(earlier) != material(t));
+        return true;
+    }
+    let m = &input.materials[material(t).0 as usize];
+    let both_sides = m.reflects == crate::Sides::Both && (!m.is_emissive() || m.emits == crate::Sides::Both);
+    let repeated = both_sides && opposite.is_some_and(|earlier| material(earlier) == material(t));
+    report.duplicates += u64::from(repeated);
+    repeated
+}
+
+/// The bits of the corners; adding zero turns -0 into 0.
+fn corner_bits(corners: [Vec3; 3]) -> [[u32; 3]; 3] {
+    corners.map(|p| (p + 0.0).to_array().map(f32::to_bits))
+}
+
+fn hash(corners: &[[u32; 3]; 3]) -> u64 {
+    let mix = |h: u64, &word: &u32| (h ^ u64::from(word)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    corners.iter().flatten().fold(0, mix)
 }
 
 /// The corners, rotated so that the smallest comes first; keeps the winding.
@@ -638,6 +668,56 @@ mod tests {
         let (scene, report) = builder.build(BuildPolicy::default()).unwrap();
         assert_eq!(scene.mesh().n_triangles(), 1);
         assert_eq!((report.duplicates, report.duplicates_of_other_material, report.degenerate), (3, 1, 2));
+    }
+
+    /// The definition, in quadratic time.
+    fn slow_distinct(input: &SceneBuilder, positions: &[Vec3]) -> (Vec<usize>, u64, u64) {
+        let bits = |t: usize| corner_bits(input.triangles[t].map(|v| positions[v as usize]));
+        let (mut kept, mut duplicates, mut of_other): (Vec<usize>, u64, u64) = (Vec::new(), 0, 0);
+        for t in 0..input.triangles.len() {
+            let [a, b, c] = bits(t);
+            if a == b || b == c || c == a {
+                continue;
+            }
+            let material = input.triangle_materials[t];
+            let find = |key| kept.iter().find(|&&k| rotated(bits(k)) == rotated(key)).copied();
+            if let Some(earlier) = find([a, b, c]) {
+                duplicates += 1;
+                of_other += u64::from(input.triangle_materials[earlier] != material);
+            } else if find([a, c, b]).is_some_and(|k| input.triangle_materials[k] == material && material.0 != 1) {
+                duplicates += 1;
+            } else {
+                kept.push(t);
+            }
+        }
+        (kept, duplicates, of_other)
+    }
+
+    #[test]
+    fn repetitions_are_those_of_the_definition() {
+        let mut builder = SceneBuilder::new();
+        for name in ["a", "black back", "b"] {
+            builder.push_material(Material::diffuse(name, Rgb::splat(0.5)));
+        }
+        builder.materials[1].reflects = crate::Sides::Front;
+        // Five points in general position, so that most triangles occur many times; -0 is 0.
+        let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.2, 1.0, 0.0], [-0.0, 0.3, 1.0], [-1.0, 0.5, 0.7]];
+        let mut state = 1u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) as usize
+        };
+        for _ in 0..300 {
+            let corners = [points[next() % 5], points[next() % 5], points[next() % 5]];
+            triangle(&mut builder, corners, MaterialId((next() % 3) as u32));
+        }
+        let positions: Vec<Vec3> = builder.positions.iter().map(|p| p.as_vec3()).collect();
+        let mut report = SceneReport::default();
+        let kept = distinct_triangles(&builder, &positions, &mut report);
+        let (expected, duplicates, of_other) = slow_distinct(&builder, &positions);
+        assert_eq!(kept, expected);
+        assert_eq!((report.duplicates, report.duplicates_of_other_material), (duplicates, of_other));
+        assert!(duplicates > 100 && of_other > 10 && kept.len() > 10, "{duplicates} {of_other} {}", kept.len());
     }
 
     #[test]
