@@ -116,7 +116,7 @@ fn a_wall_of_any_thickness_separates_two_rooms() {
 /// Negative control: a hole in the wall, and both rooms are one region.
 #[test]
 fn a_window_joins_two_rooms() {
-    let mut s = common::Shapes::new();
+    let mut s = Shapes::new();
     let white = s.white;
     s.cuboid([0.0; 3], [2.0, 1.0, 1.0], true, white).lamp_at([0.5, 0.9, 0.5], 0.3);
     s.quad([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.9, 0.0], white);
