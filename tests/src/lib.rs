@@ -124,7 +124,7 @@ impl Prepared {
         points
             .iter()
             .zip(regions)
-            .map(|(&(position, normal), region)| OrientedPoint { position, normal, region, area: 0.0 })
+            .map(|(&(position, normal), region)| OrientedPoint::new(position, normal, region))
             .collect()
     }
 

@@ -59,7 +59,7 @@ fn d2_one_triangle_does_not_light_itself() {
     assert!(solved.finest().iter().all(|e| *e == Rgb::ZERO));
     for normal in [Vec3::Z, Vec3::NEG_Z] {
         let at = prepared.scene.frame().scene_from_world_point(DVec3::new(0.2, 0.2, 0.0));
-        let point = [OrientedPoint { position: at, normal, region: hplt::geom::RegionId(0), area: 0.0 }];
+        let point = [OrientedPoint::new(at, normal, hplt::geom::RegionId(0))];
         assert_eq!(prepared.direct_at(&point)[0], Rgb::ZERO);
     }
 }

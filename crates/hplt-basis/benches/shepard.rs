@@ -11,7 +11,7 @@ fn point(i: u32, n: u32) -> OrientedPoint {
     // A low-discrepancy set (Roberts' R2) stands in for Poisson discs.
     let (x, z) = ((f64::from(i) * 0.754_877_666).fract(), (f64::from(i) * 0.569_840_291).fract());
     let area = 1.0 / n as f32;
-    OrientedPoint { position: Vec3::new(x as f32, 0.0, z as f32), normal: Vec3::Y, region: RegionId(0), area }
+    OrientedPoint::new(Vec3::new(x as f32, 0.0, z as f32), Vec3::Y, RegionId(0)).with_area(area)
 }
 
 fn benches(c: &mut Criterion) {

@@ -4,9 +4,6 @@ use hplt_kdtree::KdTree;
 use crate::kernel::distance_squared;
 use crate::{Kernel, Parents, smoothstep};
 
-/// Cosine between normals below which two points are on different sides.
-const SAME_SIDE: f32 = 0.0;
-
 /// The shape of the basis functions.
 #[derive(Debug, Clone, Copy)]
 pub struct BasisOptions {
@@ -52,10 +49,10 @@ impl Footprint {
     /// The unnormalised weight `w_i` at `query` of the function at `point`.
     #[inline]
     pub fn weight(&self, point: &OrientedPoint, query: &OrientedPoint) -> f32 {
-        let cosine = query.normal.dot(point.normal);
-        if cosine <= SAME_SIDE || point.region != query.region {
+        if !point.is_continued_at(query) {
             return 0.0;
         }
+        let cosine = query.normal.dot(point.normal);
         let distance = distance_squared(query.position - point.position, point.normal).sqrt();
         (self.kernel)(distance * self.inverse_support) * cosine * cosine
     }
@@ -154,14 +151,14 @@ impl ShepardBasis {
         true
     }
 
-    /// The nearest function of `level` in the region of `query` and on its side, exactly.
+    /// The nearest function of `level` in the region of `query`, on its side and, if there is any, in its layer; exactly.
     pub fn nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
         let points = self.points(level);
-        let same_side = |id: u32| {
-            let point = &points[id as usize];
-            point.region == query.region && query.normal.dot(point.normal) > SAME_SIDE
+        let find = |accept: &dyn Fn(&OrientedPoint) -> bool| {
+            self.trees[level].nearest(query.position, f32::INFINITY, |id| accept(&points[id as usize]))
         };
-        self.trees[level].nearest(query.position, f32::INFINITY, same_side).map(|(id, _)| id)
+        let same_side = |p: &OrientedPoint| p.region == query.region && p.normal.dot(query.normal) > 0.0;
+        find(&|p| p.is_continued_at(query)).or_else(|| find(&same_side)).map(|(id, _)| id)
     }
 
     /// Bytes that trees, parents and points take.

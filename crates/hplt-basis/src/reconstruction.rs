@@ -139,7 +139,7 @@ fn approximate_nearest(basis: &ShepardBasis, level: usize, query: &OrientedPoint
     let points = basis.points(level);
     let same_side = |id: u32| {
         let point = &points[id as usize];
-        point.region == query.region && query.normal.dot(point.normal) > 0.5
+        query.normal.dot(point.normal) > 0.5 && point.is_continued_at(query)
     };
     basis.tree(level).approximate_nearest(query.position, same_side).map(|(id, _)| id)
 }

@@ -18,7 +18,7 @@ impl Noise {
 }
 
 fn point(x: f32, z: f32, normal: Vec3, region: u32, area: f32) -> OrientedPoint {
-    OrientedPoint { position: Vec3::new(x, 0.0, z), normal, region: RegionId(region), area }
+    OrientedPoint::new(Vec3::new(x, 0.0, z), normal, RegionId(region)).with_area(area)
 }
 
 /// `n_levels` jittered grids over the unit square, `n`, `2n`, `4n` … cells across, `r` a cell wide.

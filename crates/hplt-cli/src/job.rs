@@ -46,7 +46,7 @@ impl Lit<'_> {
     /// Points as queries in their regions.
     pub fn locate(&self, points: &[(hplt_geom::glam::Vec3, hplt_geom::glam::Vec3)]) -> Vec<OrientedPoint> {
         let regions = self.regions.locate(self.scene, &self.bvh, points);
-        let query = |(&(position, normal), region)| OrientedPoint { position, normal, region, area: 0.0 };
+        let query = |(&(position, normal), region)| OrientedPoint::new(position, normal, region);
         points.iter().zip(regions).map(query).collect()
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use hplt_basis::{BasisOptions, ShepardBasis};
 use hplt_geom::glam::Vec3;
-use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene};
+use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene, Slab};
 use hplt_io::{Limits, Section, SectionData, SolutionFile, read_solution};
 use hplt_sampling::Regions;
 
@@ -35,6 +35,8 @@ pub fn to_file(run: &Run<'_>, lit: &Lit<'_>) -> SolutionFile {
         push(format!("level{l}.position"), vectors(|p| p.position));
         push(format!("level{l}.normal"), vectors(|p| p.normal));
         push(format!("level{l}.area"), SectionData::F32(points.iter().map(|p| p.area).collect()));
+        let slab = |p: &OrientedPoint| [p.slab.below, p.slab.above];
+        push(format!("level{l}.slab"), SectionData::F32(points.iter().flat_map(slab).collect()));
         push(format!("level{l}.region"), SectionData::U32(points.iter().map(|p| p.region.0).collect()));
         push(format!("level{l}.direct"), SectionData::F32(flat(direct.iter().copied())));
         push(format!("level{l}.indirect"), SectionData::F32(flat(indirect.iter().copied())));
@@ -110,8 +112,7 @@ fn enter(run: &mut Run<'_>, file: &SolutionFile, basis: &ShepardBasis, scale: f6
         Some("time-limit") => "time-limit",
         _ => "stopped early",
     };
-    let parsed = |key: &str| file.value(key).and_then(|v| v.parse::<f64>().ok());
-    run.report.truncation_bound = parsed("hplt.truncation_bound");
+    run.report.truncation_bound = file.value("hplt.truncation_bound").and_then(|v| v.parse().ok());
     if !run.report.converged {
         run.report.warnings.push("the solution is not converged".into());
     }
@@ -126,19 +127,23 @@ fn read_level(
     refuse: &impl Fn(String) -> Failure,
 ) -> Result<ReadLevel, Failure> {
     let floats = |what: &str| file.floats(&format!("level{l}.{what}"));
-    let [radius, area] = [floats("radius")?, floats("area")?];
+    let [radius, area, slab] = [floats("radius")?, floats("area")?, floats("slab")?];
     let [position, normal, direct, indirect] =
         [floats("position")?, floats("normal")?, floats("direct")?, floats("indirect")?];
     let region = file.integers(&format!("level{l}.region"))?;
     let n = region.len();
-    let fits =
-        radius.len() == 1 && area.len() == n && [position, normal, direct, indirect].iter().all(|v| v.len() == 3 * n);
+    let vectors_fit = [position, normal, direct, indirect].iter().all(|v| v.len() == 3 * n);
+    let fits = radius.len() == 1 && area.len() == n && slab.len() == 2 * n && vectors_fit;
     if !fits {
         return Err(refuse(format!("level {l}: sections of different lengths; expected {n} points in each")));
     }
     let all = [radius, area, position, normal, direct, indirect];
-    if all.iter().any(|v| v.iter().any(|x| !x.is_finite())) || !(radius[0] > 0.0) {
-        return Err(refuse(format!("level {l}: a number is not finite; expected finite numbers")));
+    if all.iter().any(|v| v.iter().any(|x| !x.is_finite())) || radius[0] <= 0.0 {
+        return Err(refuse(format!("level {l}: a number is not finite, or the radius not above 0")));
+    }
+    // A slab is open, that is infinite, where nothing is above or below.
+    if let Some(bad) = slab.iter().find(|s| s.is_nan() || **s <= 0.0) {
+        return Err(refuse(format!("level {l}: a slab reaches to {bad}; expected a number above 0")));
     }
     if let Some(bad) = region.iter().find(|&&r| r >= n_regions) {
         return Err(refuse(format!("level {l}: region {bad}; expected less than {n_regions}")));
@@ -153,6 +158,7 @@ fn read_level(
         normal: normals[i],
         region: RegionId(region[i]),
         area: area[i],
+        slab: Slab { below: slab[2 * i], above: slab[2 * i + 1] },
     });
     let level = PointLevel { poisson_radius: radius[0], points: points.collect() };
     Ok((level, vectors(direct), vectors(indirect)))

@@ -40,6 +40,11 @@ impl<'a> Candidates<'a> {
         Self { scene, caster, regions, sampler, seed, points: Vec::new(), extra: 0..0, n_drawn: 0, n_other: 0 }
     }
 
+    /// What casts the rays.
+    pub(crate) fn caster(&self) -> &'a dyn RayCaster {
+        self.caster
+    }
+
     /// Draws until about `n` more are reachable.
     pub(crate) fn draw(&mut self, n: usize, progress: &dyn Progress) -> Result<(), Interrupted> {
         let (target, limit) = (self.points.len() + n, self.n_drawn + n * MAX_DRAWS_PER_POINT);
@@ -199,6 +204,6 @@ impl Source<'_> {
         let SidePoint { position, normal, .. } = *point;
         let region = self.regions.locate_one(scene, caster, Oriented { position, normal });
         let is_reachable = region != RegionId::DARK && point.is_exposed(caster);
-        is_reachable.then_some(OrientedPoint { position, normal, region, area: 0.0 })
+        is_reachable.then_some(OrientedPoint::new(position, normal, region))
     }
 }

@@ -9,6 +9,7 @@ use crate::poisson::Level;
 use crate::random::Stage;
 use crate::report::{HierarchyReport, Warning};
 use crate::surface::SideSampler;
+use crate::visibility::slab_of;
 use crate::{Error, Regions};
 
 /// Fresh points that measure the coverage.
@@ -93,7 +94,7 @@ fn fill(
         if round == 0 {
             candidates.draw_on_small_components();
         }
-        throw_all(levels, candidates.points(), first, progress)?;
+        throw_all(levels, (candidates.points(), first), candidates.caster(), progress)?;
         report.uncovered_fraction = uncovered_fraction(levels, candidates, round as u32);
         if report.uncovered_fraction <= options.max_uncovered {
             return Ok(());
@@ -107,8 +108,8 @@ fn fill(
 /// Offers the candidates from `first` on to every level, in batches that double.
 fn throw_all(
     levels: &mut [Level],
-    candidates: &[OrientedPoint],
-    first: usize,
+    (candidates, first): (&[OrientedPoint], usize),
+    caster: &dyn RayCaster,
     progress: &dyn Progress,
 ) -> Result<(), Error> {
     let mut start = first;
@@ -127,7 +128,7 @@ fn throw_all(
             let mut level = cells[cells.len() - 1 - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             for batch in &batches {
                 progress.check()?;
-                level.throw(candidates, batch);
+                level.throw(candidates, batch, |point| slab_of(caster, point));
             }
             level.settle();
             progress.advance(STAGE, i as u64 + 1, cells.len() as u64);

@@ -1,7 +1,7 @@
 //! One maximal Poisson-disk level, by dart throwing in a fixed order.
 
 use glam::{IVec3, Vec3};
-use hplt_geom::{OrientedPoint, parallel};
+use hplt_geom::{OrientedPoint, Slab, parallel};
 
 /// The least cosine between the normals of a point and of one that rejects it.
 pub const MIN_REJECTION_COSINE: f32 = 0.5;
@@ -19,13 +19,13 @@ pub fn distance_squared(center: &OrientedPoint, position: Vec3) -> f32 {
 }
 
 /// How near `candidate` is to `point` as far as rejection goes: the square of `dᵢ/(n·nᵢ)`, to be compared with `r²`;
-/// infinite when the regions differ or the normals are more than 60° apart.
+/// infinite when the regions or layers differ or the normals are more than 60° apart.
 ///
 /// A candidate that is nearer than `r` has the weight `K(d/2r)·(n·nᵢ)² >= 0.125` in a basis of support `2r`, which is what
 /// makes coverage a theorem: every candidate of a maximal set is either a point of it or that near to one.
 pub fn rejection_distance_squared(point: &OrientedPoint, candidate: &OrientedPoint) -> f32 {
     let cos = point.normal.dot(candidate.normal);
-    if point.region != candidate.region || cos < MIN_REJECTION_COSINE {
+    if cos < MIN_REJECTION_COSINE || !point.is_continued_at(candidate) {
         return f32::INFINITY;
     }
     distance_squared(point, candidate.position) / (cos * cos)
@@ -88,7 +88,14 @@ impl Level {
 
     /// Accepts or rejects candidates, lower index first. `order` lists the indices of one batch, ascending or not; the
     /// nearer its neighbours are to each other, the faster.
-    pub(crate) fn throw(&mut self, candidates: &[OrientedPoint], order: &[u32]) {
+    ///
+    /// `slab_of` measures the layer of a point that may be accepted.
+    pub(crate) fn throw(
+        &mut self,
+        candidates: &[OrientedPoint],
+        order: &[u32],
+        slab_of: impl Fn(&OrientedPoint) -> Slab + Sync + Send,
+    ) {
         self.settle();
         // Most are rejected by what earlier batches left; what is not is settled in order.
         let open = parallel::map(
@@ -103,10 +110,11 @@ impl Level {
         );
         let mut open = open.concat();
         open.sort_unstable();
-        for i in open {
+        let slabs = parallel::map(open.len(), || (), |(), k| slab_of(&candidates[open[k] as usize]));
+        for (i, slab) in open.into_iter().zip(slabs) {
             let candidate = &candidates[i as usize];
             if !self.rejects(candidate) {
-                self.insert(candidate);
+                self.insert(&OrientedPoint { slab, ..*candidate });
             }
         }
     }
@@ -142,9 +150,7 @@ impl Level {
         self.rejects(point)
             || self.any_near(point.position, support, |i| {
                 let function = &self.points[i as usize];
-                function.region == point.region
-                    && function.normal.dot(point.normal) > 0.0
-                    && distance_squared(function, point.position) < support * support
+                function.is_continued_at(point) && distance_squared(function, point.position) < support * support
             })
     }
 
@@ -245,7 +251,7 @@ mod tests {
                     _ => (0.4 * ball, ball),
                 };
                 let region = RegionId(u32::from(position.x > 0.1));
-                OrientedPoint { position, normal: normal * side, region, area: 0.0 }
+                OrientedPoint::new(position, normal * side, region)
             })
             .collect()
     }
@@ -269,7 +275,7 @@ mod tests {
         for radius in [0.02f32, 0.07, 0.5] {
             let mut level = Level::new(radius, 100);
             for (start, end) in [(0, 700), (700, 5_000), (5_000, 20_000)] {
-                level.throw(&candidates, &(start..end).rev().collect::<Vec<_>>());
+                level.throw(&candidates, &(start..end).rev().collect::<Vec<_>>(), |_| Slab::OPEN);
             }
             level.settle();
             let weight = |candidate: &OrientedPoint| {
@@ -295,7 +301,7 @@ mod tests {
     fn the_nearest_is_the_nearest() {
         let candidates = candidates(3_000);
         let mut level = Level::new(0.1, 10);
-        level.throw(&candidates, &(0..3_000).collect::<Vec<_>>());
+        level.throw(&candidates, &(0..3_000).collect::<Vec<_>>(), |_| Slab::OPEN);
         for candidate in &candidates {
             let distances = level.points.iter().map(|p| rejection_distance_squared(p, candidate));
             let least = distances.fold(f32::INFINITY, f32::min);

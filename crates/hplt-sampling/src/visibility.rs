@@ -1,7 +1,7 @@
 //! Short visible paths between neighbouring points of a surface.
 
 use glam::Vec3;
-use hplt_geom::{Ray, RayCaster, offset_origin};
+use hplt_geom::{OrientedPoint, Ray, RayCaster, Slab, offset_origin};
 
 /// Twice the least distance, scene units, by which `offset_origin` lifts a point, and more: paths stay above that.
 const CLEARANCE: f32 = 3.0 / 65_536.0;
@@ -11,6 +11,15 @@ const CLEARANCE: f32 = 3.0 / 65_536.0;
 pub(crate) struct Oriented {
     pub position: Vec3,
     pub normal: Vec3,
+}
+
+/// The layer that a point belongs to: half-way to what is next above and below it along its normal. Two rays.
+pub(crate) fn slab_of(caster: &dyn RayCaster, point: &OrientedPoint) -> Slab {
+    let half_free = |direction: Vec3| {
+        let t = caster.nearest(Ray::new(offset_origin(point.position, direction), direction)).t;
+        (0.5 * t).max(CLEARANCE)
+    };
+    Slab { below: half_free(-point.normal), above: half_free(point.normal) }
 }
 
 /// Whether light can go from just above `a` to just above `b` by way of a point above their middle, `slope` times their

@@ -186,7 +186,11 @@ fn too_small_a_radius_is_refused_with_the_estimate() {
     let error = poisson_hierarchy(&scene, &bvh, &options, &NoProgress).unwrap_err();
     let Error::TooManyPoints { estimate, bytes, limit, .. } = error else { panic!("{error}") };
     // 1.1547 · 1.86 m² / (9.5e-7 m)².
-    assert!((2.2e12..2.6e12).contains(&(estimate as f64)) && bytes == estimate * size_of::<OrientedPoint>() as u64 && limit == 20_000_000);
+    assert!(
+        (2.2e12..2.6e12).contains(&(estimate as f64))
+            && bytes == estimate * size_of::<OrientedPoint>() as u64
+            && limit == 20_000_000
+    );
     assert!(error.to_string().starts_with(&format!("{estimate} points estimated at a radius of ")), "{error}");
 }
 

@@ -227,7 +227,7 @@ impl GBuffer {
     pub fn query(&self, sample: usize) -> OrientedPoint {
         let s = &self.samples;
         let (position, normal, region) = (s.positions[sample], s.shading_normals[sample], s.regions[sample]);
-        OrientedPoint { position, normal, region, area: 0.0 }
+        OrientedPoint::new(position, normal, region)
     }
 
     /// All samples as queries with shading normals; background is in the dark region, where every field is zero.

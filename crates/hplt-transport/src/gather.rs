@@ -113,7 +113,7 @@ pub(crate) fn gather<E>(
 
 /// What a gather ray meets, as a query: it is in the receiver's region, since the receiver sees it.
 fn arrival(surface: &SurfacePoint, region: RegionId) -> OrientedPoint {
-    OrientedPoint { position: surface.position, normal: surface.normal, region, area: 0.0 }
+    OrientedPoint::new(surface.position, surface.normal, region)
 }
 
 /// The mean over all rays and its standard error over the groups.

@@ -13,7 +13,7 @@ const UNIT_SQUARE: f32 = 0.239_456_47;
 
 fn at(scene: &Scene, position: [f64; 3], normal: Vec3) -> OrientedPoint {
     let position = scene.frame().scene_from_world_point(DVec3::from(position));
-    OrientedPoint { position, normal, region: RegionId(0), area: 0.0 }
+    OrientedPoint::new(position, normal, RegionId(0))
 }
 
 fn direct(scene: &Scene, points: &[OrientedPoint], options: DirectOptions) -> Vec<Rgb> {

@@ -110,7 +110,7 @@ pub fn hierarchy(rectangles: &[Rectangle], n: usize, n_levels: usize) -> PointHi
             for i in 0..columns * rows {
                 let s = ((i % columns) as f32 + 0.3 + 0.4 * noise.next()) / columns as f32;
                 let t = ((i / columns) as f32 + 0.3 + 0.4 * noise.next()) / rows as f32;
-                points.push(OrientedPoint { position: c + u * s + v * t, normal, region: RegionId(0), area });
+                points.push(OrientedPoint::new(c + u * s + v * t, normal, RegionId(0)).with_area(area));
             }
         }
         PointLevel { poisson_radius: size, points }
