@@ -5,7 +5,7 @@
 //! the same depth and leaves differ in size by at most one point: the shape depends on the number of points alone,
 //! which makes the parallel build write straight into its final place, and the traversal stack small and fixed.
 //!
-//! Rejected: an implicit layout without child links (saves 4 bytes per leaf of 8 points, costs a second way to number
+//! Rejected: an implicit layout without child links (saves little with leaves of this size, costs a second way to number
 //! nodes on the GPU), and sliding-midpoint splits (unbounded depth on duplicates).
 //!
 //! All comparisons are on `f32` squared distances `(Δx² + Δy²) + Δz²`, and pruning uses lower bounds that are monotone
@@ -23,8 +23,8 @@ mod query;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// Points per leaf, at most.
-pub const LEAF_SIZE: usize = 8;
+/// Points per leaf, at most. Measured on 167k points: 8 and 16 are slower in every query.
+pub const LEAF_SIZE: usize = 32;
 
 /// More points than this are refused, so that every index fits the 30 bits that a [`Node`] has for it.
 pub const MAX_POINTS: usize = 1 << 29;
