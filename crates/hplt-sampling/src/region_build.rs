@@ -16,11 +16,10 @@ const MIN_ANCHORS: usize = 16 << 10;
 const MAX_ANCHORS: usize = 64 << 10;
 /// Anchors on components that uniform sampling would miss, at most.
 const MAX_EXTRA: usize = 64 << 10;
-/// Rays of every anchor; then, once it is known what is lit, of those outside the largest component; at last, of those in
-/// small components.
+/// Rays of every anchor, in rounds. From the second round on the largest component is left out,
 const RAYS: [u32; 4] = [4, 12, 16, 64];
-/// Below so many anchors a component is small.
-const SMALL_COMPONENT: u32 = 64;
+/// and so are those of more anchors than this: the smaller, the likelier they only miss a link.
+const LARGEST_COMPONENT: [u32; 4] = [u32::MAX, u32::MAX, 4096, 64];
 /// Rays from all emissive surfaces together, and from each light without a surface.
 const EMISSION_RAYS: u32 = 16 << 10;
 const LIGHT_RAYS: u32 = 4096;
@@ -164,7 +163,7 @@ impl<'a> Builder<'a> {
         let mut sizes = vec![0u32; n as usize];
         (0..n).for_each(|i| sizes[self.sets.find(i) as usize] += 1);
         let largest = (0..n).max_by_key(|&i| (sizes[i as usize], n - i));
-        let most = if round as usize + 1 == RAYS.len() { SMALL_COMPONENT } else { n };
+        let most = LARGEST_COMPONENT[round as usize];
         let is_chosen = |root: u32| Some(root) != largest && sizes[root as usize] <= most;
         (0..n).filter(|&i| is_chosen(self.sets.find(i))).collect()
     }

@@ -89,7 +89,7 @@ fn sobol_points_are_stratified() {
     {
         for log_columns in 0..=6 {
             let (columns, rows) = (1u32 << log_columns, 64u32 >> log_columns);
-            let mut hit = vec![false; 64];
+            let mut hit = [false; 64];
             for i in 0..64 {
                 let p = sobol_2d(first + i, seed, pair);
                 let cell = (p.x * columns as f32) as u32 * rows + (p.y * rows as f32) as u32;
