@@ -29,6 +29,9 @@ pub struct TransportOptions {
     pub tolerance: f32,
     /// Where to refine.
     pub threshold: Threshold,
+    /// Absolute variant: functions that a bounce does not gather take their share of what the earlier bounces found there,
+    /// instead of the plain average of their parents ([`transport_absolute`](crate::transport_absolute)).
+    pub shaped_push_down: bool,
 }
 
 impl TransportOptions {
@@ -41,6 +44,7 @@ impl TransportOptions {
             max_bounces: 3,
             tolerance: 0.0,
             threshold: Threshold { absolute: 0.016, relative: 0.0, noise: 0.0 },
+            shaped_push_down: false,
         }
     }
 
@@ -52,6 +56,7 @@ impl TransportOptions {
             max_bounces: 64,
             tolerance: 0.01,
             threshold: Threshold { absolute: 0.0, relative: 0.1, noise: 2.0 },
+            shaped_push_down: true,
             ..Self::slides()
         }
     }
@@ -64,6 +69,7 @@ impl TransportOptions {
             max_bounces: 1000,
             tolerance: 1e-3,
             threshold: Threshold { absolute: 0.0, relative: 0.02, noise: 1.0 },
+            shaped_push_down: true,
             ..Self::slides()
         }
     }
