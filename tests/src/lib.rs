@@ -146,7 +146,8 @@ impl Prepared {
     pub fn gather(&self, solved: &Solved, points: &[OrientedPoint], n_rays: u32) -> Vec<FinalGather> {
         let total = solved.direct.plus(&solved.indirect);
         let sender = Sender { coefficients: &total, reconstruction: &ApproximateNearest, n_levels: usize::MAX };
-        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1 };
+        let light = DirectLight::new(&self.scene, DirectOptions::one_sample());
+        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, contact_light: Some(&light) };
         final_gather(&self.model(), &sender, points, options, &NoProgress).expect("nothing interrupts")
     }
 }

@@ -137,7 +137,7 @@ impl Field {
         model: &Model<'_>,
         sender_levels: usize,
         points: &[OrientedPoint],
-        options: FinalGatherOptions,
+        options: FinalGatherOptions<'_>,
         progress: &dyn Progress,
     ) -> Result<Vec<FinalGather>, Interrupted> {
         either!(self, f => {

@@ -70,7 +70,7 @@ impl Settings {
         check_render(&asked.render)?;
         check_rest(&asked.scene, &asked.run)?;
         let preset = asked.solve.preset.unwrap_or(Preset::Production);
-        let config = asked.or(defaults(preset));
+        let config = asked.clone().or(defaults(preset, asked.solve.variant));
         let with_origins = with_origins(&config, &flags, &file);
         Ok(Self::from_complete(config, with_origins))
     }
@@ -92,13 +92,14 @@ impl Settings {
                 relative: solve.relative_threshold.unwrap_or(base.threshold.relative),
                 noise: solve.noise_factor.unwrap_or(base.threshold.noise),
             },
+            shaped_push_down: base.shaped_push_down,
         };
         let (levels, radius) = default_hierarchy();
         Self {
             load: load_options(&config.scene),
             allow_empty: config.scene.allow_empty.unwrap_or(false),
             variant: solve.variant.unwrap_or(Variant::Absolute),
-            reconstruction: solve.reconstruction.unwrap_or(ReconstructionName::Shepard),
+            reconstruction: solve.reconstruction.unwrap_or(ReconstructionName::Nearest),
             levels: solve.levels.unwrap_or(levels),
             radius: solve.radius.unwrap_or(radius),
             transport,
@@ -113,14 +114,16 @@ impl Settings {
     }
 }
 
-/// The values of a preset.
-fn defaults(preset: Preset) -> Config {
+/// The values of a preset, for a variant that may be another than its own.
+fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
     let transport = transport_options(preset);
     let (levels, radius) = default_hierarchy();
-    let (variant, reconstruction) = match preset {
-        Preset::Slides => (Variant::Delta, ReconstructionName::Shepard),
-        Preset::Preview => (Variant::Absolute, ReconstructionName::Nearest),
-        Preset::Production => (Variant::Absolute, ReconstructionName::Shepard),
+    let variant = variant.unwrap_or(if preset == Preset::Slides { Variant::Delta } else { Variant::Absolute });
+    // As in the two published versions. Nearest neighbours hide their error in the noise of the rays; read level by level, as
+    // the delta encoding does, they need not converge.
+    let reconstruction = match variant {
+        Variant::Delta => ReconstructionName::Shepard,
+        Variant::Absolute => ReconstructionName::Nearest,
     };
     // Through its shortest decimal form, so that 1e-3 does not become 0.0010000000474974513.
     let tolerance = transport.tolerance.to_string().parse::<f64>().ok().filter(|t| *t > 0.0);
@@ -216,7 +219,7 @@ fn check_render(render: &RenderSection) -> Result<(), Failure> {
     if let Some(fov) = render.fov.filter(|f| !(*f > 0.0 && *f < 180.0)) {
         return Err(Failure::usage(format!("--fov {fov}; expected an angle between 0 and 180 degrees")));
     }
-    if let Some(ev) = render.exposure.filter(|e| !(e.abs() <= 100.0)) {
+    if let Some(ev) = render.exposure.filter(|e| !(-100.0..=100.0).contains(e)) {
         return Err(Failure::usage(format!("--exposure {ev}; expected -100 to 100 stops")));
     }
     if render.eye.is_some() != render.target.is_some() {

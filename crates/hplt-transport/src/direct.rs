@@ -44,6 +44,11 @@ impl DirectOptions {
         Self { seed: 0, light_samples: 16, sky_samples: 64, estimator: DirectEstimator::Auto }
     }
 
+    /// For the points of a random walk: one ray per emitter.
+    pub fn one_sample() -> Self {
+        Self { light_samples: 1, sky_samples: 1, ..Self::projection() }
+    }
+
     /// For what is looked at or measured: soft shadows without visible noise.
     pub fn display() -> Self {
         Self { light_samples: 64, sky_samples: 256, ..Self::projection() }
@@ -94,7 +99,7 @@ impl<'s> DirectLight<'s> {
     }
 
     /// The irradiance that arrives at `point` straight from lights, W/m². `id` selects the samples.
-    fn irradiance(
+    pub(crate) fn irradiance(
         &self,
         caster: &dyn RayCaster,
         point: &OrientedPoint,
@@ -173,7 +178,7 @@ pub fn project_direct(
 
 /// Shadow rays with what each would bring.
 #[derive(Default)]
-struct Shadows {
+pub(crate) struct Shadows {
     rays: Vec<Ray>,
     brings: Vec<Rgb>,
     occluded: Vec<bool>,

@@ -48,7 +48,7 @@ pub fn estimate_error<E>(
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
     let ErrorProbe { points, direct, n_rays, seed } = probe;
-    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed };
+    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, contact_light: None };
     let fresh = final_gather(model, sender, points, options, progress)?;
     let mut interpolated = vec![Rgb::ZERO; points.len()];
     reconstruction.reconstruct(model.basis, indirect, model.basis.n_levels(), points, &mut interpolated);

@@ -2,14 +2,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 use hplt_basis::{Coefficients, Coverage, Reconstruction, ShepardBasis};
-use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, SurfacePoint, offset_origin, parallel};
+use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, SurfacePoint, offset_origin};
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
 
 use crate::Model;
 
 /// Replicate groups that a gather's rays are split into, to learn its noise.
-const GROUPS: usize = 8;
+pub(crate) const GROUPS: usize = 8;
 
 /// The field that gather rays read: `B_s = ρ·F_s`.
 #[derive(Clone, Copy)]
@@ -44,17 +44,17 @@ pub(crate) struct Gathered {
 /// Buffers of one worker.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    rays: Vec<Ray>,
-    hits: Vec<Hit>,
+    pub rays: Vec<Ray>,
+    pub hits: Vec<Hit>,
     queries: Vec<OrientedPoint>,
-    albedos: Vec<Rgb>,
+    weights: Vec<Rgb>,
     ray_of_query: Vec<u32>,
     values: Vec<Rgb>,
 }
 
 impl Scratch {
     /// Traces `n_rays` cosine-distributed rays from `receiver`: hash-Owen-scrambled Sobol points, scrambled by receiver.
-    fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
+    pub fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
         let origin = offset_origin(receiver.position, receiver.normal);
         self.rays.clear();
         self.rays.extend(
@@ -64,6 +64,27 @@ impl Scratch {
         self.hits.clear();
         self.hits.resize(self.rays.len(), Hit::MISS);
         model.caster.trace_nearest(&self.rays, &mut self.hits);
+        self.queries.clear();
+        self.weights.clear();
+        self.ray_of_query.clear();
+    }
+
+    /// Notes that ray `ray` brings `weight` times the irradiance at `query`.
+    pub fn push_query(&mut self, ray: u32, weight: Rgb, query: OrientedPoint) {
+        self.weights.push(weight);
+        self.queries.push(query);
+        self.ray_of_query.push(ray);
+    }
+
+    /// Reads the noted queries from `sender` into `groups`.
+    pub fn read_queries<E>(&mut self, model: &Model<'_>, sender: &Sender<'_, E>, groups: &mut Groups) -> Coverage {
+        self.values.clear();
+        self.values.resize(self.queries.len(), Rgb::ZERO);
+        let coverage = sender.read(model.basis, &self.queries, &mut self.values);
+        for ((value, weight), &ray) in self.values.iter().zip(&self.weights).zip(&self.ray_of_query) {
+            groups.add(ray, *value * *weight);
+        }
+        coverage
     }
 }
 
@@ -79,50 +100,56 @@ pub(crate) fn gather<E>(
     scratch.trace(model, receiver, scramble, n_rays);
     let mut result = Gathered::default();
     let mut row_sum = DVec3::ZERO;
-    scratch.queries.clear();
-    scratch.albedos.clear();
-    scratch.ray_of_query.clear();
-    for (k, hit) in scratch.hits.iter().enumerate() {
+    for k in 0..scratch.hits.len() {
+        let hit = scratch.hits[k];
         if hit.is_miss() {
             result.escaped += 1;
             continue;
         }
-        let surface = model.scene.surface_at(hit);
+        let surface = model.scene.surface_at(&hit);
         let albedo = model.scene.albedo(&surface);
         if albedo == Rgb::ZERO {
             continue;
         }
         row_sum += albedo.as_dvec3();
-        scratch.albedos.push(albedo);
-        scratch.queries.push(arrival(&surface, receiver.region));
-        scratch.ray_of_query.push(k as u32);
+        scratch.push_query(k as u32, albedo, arrival(&surface, receiver.region));
     }
-    scratch.values.clear();
-    scratch.values.resize(scratch.queries.len(), Rgb::ZERO);
-    result.coverage = sender.read(model.basis, &scratch.queries, &mut scratch.values);
-    let mut groups = [DVec3::ZERO; GROUPS];
-    for ((value, albedo), &ray) in scratch.values.iter().zip(&scratch.albedos).zip(&scratch.ray_of_query) {
-        groups[ray as usize * GROUPS / n_rays as usize] += (*value * *albedo).as_dvec3();
-    }
-    let (mean, noise) = mean_and_noise(&groups, n_rays);
-    result.irradiance = mean.as_vec3();
-    result.noise = noise.as_vec3();
+    let mut groups = Groups::new(n_rays);
+    result.coverage = scratch.read_queries(model, sender, &mut groups);
+    (result.irradiance, result.noise) = groups.mean_and_noise();
     result.row_sum = (row_sum / f64::from(n_rays)).as_vec3();
     result
 }
 
 /// What a gather ray meets, as a query: it is in the receiver's region, since the receiver sees it.
-fn arrival(surface: &SurfacePoint, region: RegionId) -> OrientedPoint {
+pub(crate) fn arrival(surface: &SurfacePoint, region: RegionId) -> OrientedPoint {
     OrientedPoint::new(surface.position, surface.normal, region)
 }
 
-/// The mean over all rays and its standard error over the groups.
-fn mean_and_noise(groups: &[DVec3; GROUPS], n_rays: u32) -> (DVec3, DVec3) {
-    let per_group = f64::from(n_rays) / GROUPS as f64;
-    let mean = groups.iter().copied().sum::<DVec3>() / f64::from(n_rays);
-    let squares: DVec3 = groups.iter().map(|g| (*g / per_group - mean) * (*g / per_group - mean)).sum();
-    let variance = squares / (GROUPS * (GROUPS - 1)) as f64;
-    (mean, DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()))
+/// What the rays of one receiver bring, in groups of consecutive rays.
+pub(crate) struct Groups {
+    sums: [DVec3; GROUPS],
+    n_rays: u32,
+}
+
+impl Groups {
+    pub fn new(n_rays: u32) -> Self {
+        Self { sums: [DVec3::ZERO; GROUPS], n_rays }
+    }
+
+    /// Enters what ray `ray` brings.
+    pub fn add(&mut self, ray: u32, irradiance: Rgb) {
+        self.sums[(u64::from(ray) * GROUPS as u64 / u64::from(self.n_rays)) as usize] += irradiance.as_dvec3();
+    }
+
+    /// The mean over all rays and its standard error over the groups.
+    pub fn mean_and_noise(&self) -> (Rgb, Rgb) {
+        let per_group = f64::from(self.n_rays) / GROUPS as f64;
+        let mean = self.sums.iter().copied().sum::<DVec3>() / f64::from(self.n_rays);
+        let squares: DVec3 = self.sums.iter().map(|s| (*s / per_group - mean) * (*s / per_group - mean)).sum();
+        let variance = squares / (GROUPS * (GROUPS - 1)) as f64;
+        (mean.as_vec3(), DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()).as_vec3())
+    }
 }
 
 /// The scramble of a receiver's rays.
@@ -151,52 +178,4 @@ impl<'p> Counter<'p> {
         }
         self.progress.check()
     }
-}
-
-/// Indirect irradiance read through one more gather.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FinalGather {
-    /// Indirect irradiance, W/m².
-    pub irradiance: Rgb,
-    /// Its standard error from replicate groups of the point's own rays, W/m². An overestimate: a group of stratified rays is
-    /// noisier than its share of all of them.
-    pub noise: Rgb,
-    /// Rays that left the scene.
-    pub escaped: u32,
-}
-
-/// The rays of a final gather.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FinalGatherOptions {
-    /// Rays per point; a power of two, at least 8.
-    pub n_rays: u32,
-    /// With the seed it selects the rays: [`Stage::Error`] gives rays that no solver stage has used.
-    pub stage: Stage,
-    /// Seed.
-    pub seed: u64,
-}
-
-/// The indirect irradiance at arbitrary points by a gather each over `sender`, the total (direct and indirect) irradiance.
-/// The error of the basis enters only after one more bounce.
-///
-/// # Errors
-/// When interrupted.
-pub fn final_gather<E>(
-    model: &Model<'_>,
-    sender: &Sender<'_, E>,
-    points: &[OrientedPoint],
-    options: FinalGatherOptions,
-    progress: &dyn Progress,
-) -> Result<Vec<FinalGather>, Interrupted> {
-    let counter = Counter::new(progress, "final gather", points.len());
-    parallel::try_map(points.len(), Scratch::default, |scratch, i| {
-        counter.step()?;
-        if points[i].region == RegionId::DARK {
-            return Ok(FinalGather { irradiance: Rgb::ZERO, noise: Rgb::ZERO, escaped: 0 });
-        }
-        let scramble = scramble(options.seed, options.stage, i as u32);
-        let n_rays = options.n_rays.max(GROUPS as u32);
-        let Gathered { irradiance, noise, escaped, .. } = gather(model, sender, &points[i], scramble, n_rays, scratch);
-        Ok(FinalGather { irradiance, noise, escaped })
-    })
 }
