@@ -25,7 +25,7 @@ Exit codes:
   130  interrupted; finished bounces are written and marked, a second signal ends at once
 
 SCENE is a .gltf, .glb or .obj file, or gen:NAME for a built-in one (hplt gen --list), gen:NAME:N with
-about N triangles. Outputs appear complete or not at all. A file that hplt did not write is only replaced with --force.
+about N triangles, gen:room-with=FILE:SCALE for the mesh of a file in the closed Cornell room. Outputs appear complete or not at all. A file that hplt did not write is only replaced with --force.
 Results go to stdout or to files, everything else to stderr. Without a command, hplt lights the Cornell box:
     hplt render gen:cornell -o out/cornell.png -o out/cornell.exr";
 

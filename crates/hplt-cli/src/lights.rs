@@ -190,7 +190,7 @@ fn check_rgb(name: &str, what: &str, value: &[f32; 3]) -> Result<(), Failure> {
 }
 
 fn check_position(name: &str, what: &str, value: &[f64; 3]) -> Result<(), Failure> {
-    match value.iter().find(|x| !(x.abs() <= 1e18)) {
+    match value.iter().find(|x| !(-1e18..=1e18).contains(*x)) {
         Some(x) => Err(Failure::usage(format!("{name}: {what} {x}; expected coordinates within ±1e18"))),
         None => Ok(()),
     }

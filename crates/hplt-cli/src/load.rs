@@ -1,5 +1,7 @@
 //! From a scene's name to a [`Scene`], with the lights of flags and config.
 
+mod room;
+
 use std::path::Path;
 
 use hplt_geom::{Scene, SceneReport};
@@ -9,6 +11,9 @@ use crate::builtin;
 use crate::exit::{Exit, Failure};
 use crate::lights::add_lights;
 use crate::settings::Settings;
+
+/// Starts the name of a room with the mesh of a file.
+const ROOM_WITH: &str = "room-with=";
 
 /// A scene that is ready to be lit.
 pub struct LoadedScene {
@@ -24,13 +29,14 @@ pub struct LoadedScene {
     pub left_out: Vec<String>,
 }
 
-/// Loads `name` (a file, or `gen:NAME[:TRIANGLES]`), adds lights, validates.
+/// Loads `name` (a file, `gen:NAME[:TRIANGLES]` or `gen:room-with=FILE[:SCALE]`), adds lights, validates.
 ///
 /// # Errors
 /// When the file or a value in it cannot be used.
 pub fn load(name: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
     let shown = hplt_io::sanitized(name);
     let Loaded { scene: mut builder, report: loaded } = match name.strip_prefix("gen:") {
+        Some(name) if name.starts_with(ROOM_WITH) => room::load(&name[ROOM_WITH.len()..], &settings.load)?,
         Some(name) => Loaded { scene: builtin::from_spec(name)?, report: LoadReport::default() },
         None => hplt_io::load_scene(Path::new(name), &settings.load)?,
     };

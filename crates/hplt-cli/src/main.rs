@@ -48,11 +48,7 @@ use session::Ended;
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
 fn main() -> ExitCode {
-    std::panic::set_hook(Box::new(|info| {
-        if let Ok(mut text) = PANIC.lock() {
-            *text = info.to_string();
-        }
-    }));
+    std::panic::set_hook(Box::new(remember));
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
@@ -64,8 +60,7 @@ fn main() -> ExitCode {
         Ok(Ended { exit, report }) => (exit, report),
         Err(failure) => {
             say(&failure.to_string());
-            let error = json!({ "code": failure.code, "exit": failure.exit as u8, "message": failure.message });
-            (failure.exit, json!({ "error": error }))
+            (failure.exit, document(&failure))
         }
     };
     if as_json && let Err(failure) = outputs::to_stdout(|out| writeln!(out, "{document:#}")) {
@@ -73,6 +68,11 @@ fn main() -> ExitCode {
         return failure.exit.into();
     }
     exit.into()
+}
+
+/// A failure as the JSON document of a run.
+fn document(failure: &Failure) -> serde_json::Value {
+    json!({ "error": { "code": failure.code, "exit": failure.exit as u8, "message": failure.message } })
 }
 
 fn run(cli: &Cli) -> Result<Ended, Failure> {
@@ -100,11 +100,41 @@ fn usage(error: &clap::Error) -> ExitCode {
     let lines: Vec<&str> = text.lines().map(str::trim).filter(wanted).collect();
     let message = lines.join("; ");
     let message = message.strip_prefix("error: ").unwrap_or(&message);
-    say(&Failure::usage(format!("{message}; see hplt --help")).to_string());
+    let failure = Failure::usage(format!("{message}; see hplt --help"));
+    say(&failure.to_string());
+    if std::env::args_os().any(|a| a == "--json") {
+        // The exit code already says that something is wrong.
+        let _ = outputs::to_stdout(|out| writeln!(out, "{:#}", document(&failure)));
+    }
     Exit::Usage.into()
+}
+
+/// Keeps what a panic says instead of printing it: readers turn some panics into errors of their own.
+fn remember(info: &std::panic::PanicHookInfo<'_>) {
+    if let Ok(mut text) = PANIC.lock() {
+        *text = info.to_string();
+    }
 }
 
 fn bug() -> Failure {
     let text = PANIC.lock().map(|t| t.clone()).unwrap_or_default();
     Failure::new(Exit::Bug, "BUG", format!("internal error (please report): {text}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_a_bug_with_one_line_that_asks_for_a_report() {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(remember));
+        let result = catch_unwind(|| panic!("two\nlines"));
+        std::panic::set_hook(before);
+        assert!(result.is_err());
+        let failure = bug();
+        let line = failure.to_string();
+        assert!(failure.exit == Exit::Bug && line.contains("please report") && line.contains("two lines"), "{line}");
+        assert_eq!(line.lines().count(), 1);
+    }
 }

@@ -56,7 +56,7 @@ pub fn session(
     let result = pool.install(|| work(&mut run));
     reporter.finish();
     result.map_err(|failure| reporter.why_stopped(failure))?;
-    if !common.output.quiet {
+    if !common.output.quiet && command != "info" {
         run.report.print(common.output.verbose);
     }
     let exit = match (run.report.converged, run.report.stop) {

