@@ -106,7 +106,7 @@ pub struct Common {
     pub run: RunSection,
     #[command(flatten)]
     pub output: OutputFlags,
-    /// Values from a TOML file with the tables [scene], [solve], [render], [run] and [[light]]; flags win over it
+    /// Values from a TOML file with the tables scene, solve, render, run and a list of light; flags win over it
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub config: Option<PathBuf>,
     /// Print the effective values as TOML, each with its origin, and stop

@@ -145,7 +145,11 @@ fn the_reference_agrees_with_the_solver_and_tells_its_standard_error() {
     // The same with a factor of π: it must not pass.
     let wrong: Vec<String> = rows
         .iter()
-        .map(|r| r.iter().enumerate().map(|(i, x)| if i < 6 { x.to_string() } else { (x * 3.14159).to_string() }))
+        .map(|r| {
+            r.iter()
+                .enumerate()
+                .map(|(i, x)| if i < 6 { x.to_string() } else { (x * std::f64::consts::PI).to_string() })
+        })
         .map(|cells| cells.collect::<Vec<_>>().join(","))
         .collect();
     folder.write("wrong.csv", format!("{}\n{}\n", header.join(","), wrong.join("\n")));

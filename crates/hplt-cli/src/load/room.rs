@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use hplt_geom::glam::{DVec3, Vec3};
-use hplt_geom::{BuildPolicy, Material, MaterialId, MeshInput, Scene, TriangleId};
+use hplt_geom::{Material, MaterialId, MeshInput, Scene, TriangleId};
 use hplt_io::{LoadOptions, Loaded};
 use hplt_reference::scenes;
 
@@ -70,6 +70,8 @@ fn bounds(positions: &[DVec3]) -> (DVec3, DVec3) {
 
 #[cfg(test)]
 mod tests {
+    use hplt_geom::BuildPolicy;
+
     use super::*;
     use crate::exit::Exit;
 
