@@ -119,11 +119,11 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
     let transport = transport_options(preset);
     let (levels, radius) = default_hierarchy();
     let variant = variant.unwrap_or(if preset == Preset::Slides { Variant::Delta } else { Variant::Absolute });
-    // As in the two published versions. Nearest neighbours hide their error in the noise of the rays; read level by level, as
-    // the delta encoding does, they need not converge.
-    let reconstruction = match variant {
-        Variant::Delta => ReconstructionName::Shepard,
-        Variant::Absolute => ReconstructionName::Nearest,
+    // As in the two published versions, but that what is kept is read exactly: nearest neighbours are biased at the rim of
+    // shadows. Read level by level, as the delta encoding does, they need not converge.
+    let reconstruction = match (variant, preset) {
+        (Variant::Delta, _) | (Variant::Absolute, Preset::Production) => ReconstructionName::Shepard,
+        (Variant::Absolute, _) => ReconstructionName::Nearest,
     };
     // Through its shortest decimal form, so that 1e-3 does not become 0.0010000000474974513.
     let tolerance = transport.tolerance.to_string().parse::<f64>().ok().filter(|t| *t > 0.0);
