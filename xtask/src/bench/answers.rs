@@ -1,0 +1,198 @@
+//! The JSON documents of the binary, as far as the tables need them.
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// Report of a command that lights a scene.
+#[derive(Debug, Clone, Deserialize)]
+pub struct RunAnswer {
+    /// Hash of everything in the scene that light depends on.
+    pub scene_hash: String,
+    /// Triangles that are lit.
+    pub triangles: u64,
+    /// Why the bounces ended.
+    pub stop: String,
+    /// Stages in order.
+    pub stages: Vec<Stage>,
+    /// Levels, coarsest first.
+    pub levels: Vec<Level>,
+    /// Bounces in order.
+    pub bounces: Vec<Bounce>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Figures of single commands.
+    #[serde(default)]
+    pub more: More,
+}
+
+/// A stage and its wall-clock time.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Stage {
+    /// What was done.
+    pub stage: String,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+/// One level of the hierarchy.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Level {
+    /// Points.
+    pub points: u64,
+}
+
+/// One bounce.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Bounce {
+    /// Gathers per level.
+    pub integrals: Vec<u64>,
+    /// Rays.
+    pub rays: u64,
+    /// Rays that left the scene.
+    pub escaped: u64,
+    /// Hits that nothing answered.
+    pub uncovered: u64,
+    /// Time.
+    pub seconds: f64,
+}
+
+/// Figures of `hplt reference`.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub struct More {
+    /// How sure it is.
+    pub standard_error: Option<StandardError>,
+}
+
+/// Standard errors of the luminance over all points, relative to it.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+pub struct StandardError {
+    /// Mean.
+    pub mean: f64,
+    /// Largest.
+    pub max: f64,
+    /// What was asked for.
+    pub target: f64,
+    /// Points that missed it.
+    pub points_above_target: u64,
+}
+
+/// Error of a table against the reference, relative to its luminance with a floor of 1 % of its mean.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+pub struct Figures {
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// Root mean square.
+    pub rms: f64,
+    /// Largest.
+    pub max: f64,
+    /// Relative error of the sum.
+    pub bias: f64,
+}
+
+impl RunAnswer {
+    /// The report in `document`.
+    ///
+    /// # Errors
+    /// When a figure is missing.
+    pub fn parse(document: &Value) -> Result<Self> {
+        serde_json::from_value(document.clone()).context("the report of hplt lacks a figure")
+    }
+
+    /// Time of all stages of a name.
+    pub fn seconds_of(&self, stage: &str) -> f64 {
+        self.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).sum()
+    }
+
+    /// Gathers of all bounces.
+    pub fn integrals(&self) -> u64 {
+        self.bounces.iter().flat_map(|b| &b.integrals).sum()
+    }
+
+    /// Rays of all bounces.
+    pub fn rays(&self) -> u64 {
+        self.bounces.iter().map(|b| b.rays).sum()
+    }
+
+    /// Everything that must be the same in every run: all but time.
+    pub fn counts(&self) -> Vec<u64> {
+        let of =
+            |b: &Bounce| b.integrals.iter().chain([&b.rays, &b.escaped, &b.uncovered]).copied().collect::<Vec<_>>();
+        self.levels.iter().map(|l| l.points).chain(self.bounces.iter().flat_map(of)).collect()
+    }
+}
+
+impl Figures {
+    /// The figures in a document of `hplt compare`.
+    ///
+    /// # Errors
+    /// When one is missing or not finite.
+    pub fn parse(document: &Value) -> Result<Self> {
+        serde_json::from_value(document["figures"].clone()).context("hplt compare did not print all figures")
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// A report as the binary prints it.
+    pub fn report() -> Value {
+        let bounce = |n: u64| {
+            json!({ "integrals": [n, 2 * n], "rays": 100 * n, "escaped": n, "uncovered": 0, "nearest": 1,
+            "unshot": [1.0, 1.0, 1.0], "mean": [1.0, 1.0, 1.0], "seconds": 0.5 })
+        };
+        json!({
+            "command": "solve", "scene": "gen:cornell", "scene_hash": "00ff", "triangles": 36, "converged": true,
+            "stop": "converged", "seconds": 3.5, "warnings": [], "memory": [{ "part": "bvh", "bytes": 100 }],
+            "stages": [{ "stage": "load", "seconds": 0.25 }, { "stage": "bvh", "seconds": 0.25 },
+                { "stage": "points", "seconds": 0.5 }, { "stage": "basis", "seconds": 0.5 },
+                { "stage": "direct light", "seconds": 0.5 }, { "stage": "bounces", "seconds": 1.0 },
+                { "stage": "error estimate", "seconds": 0.5 }],
+            "levels": [{ "points": 218, "radius": 0.1 }, { "points": 167_000, "radius": 0.003 }],
+            "bounces": [bounce(300), bounce(10)],
+        })
+    }
+
+    #[test]
+    fn figures_come_out_of_the_report() {
+        let answer = RunAnswer::parse(&report()).unwrap();
+        assert_eq!((answer.integrals(), answer.rays()), (930, 31_000));
+        assert_eq!(answer.seconds_of("points"), 0.5);
+        assert_eq!(answer.seconds_of("no such stage"), 0.0);
+    }
+
+    #[test]
+    fn a_report_without_bounces_is_an_error_and_not_a_row_of_zeros() {
+        let mut document = report();
+        document.as_object_mut().unwrap().remove("bounces");
+        assert!(RunAnswer::parse(&document).is_err());
+        assert!(RunAnswer::parse(&json!({ "error": { "code": "USAGE" } })).is_err());
+    }
+
+    #[test]
+    fn figures_that_are_not_finite_are_refused() {
+        let mut figures =
+            json!({ "mean": 0.01, "median": 0.008, "p95": 0.03, "rms": 0.02, "max": 0.2, "bias": -0.001 });
+        let of = |figures: &Value| Figures::parse(&json!({ "figures": figures }));
+        assert_eq!(of(&figures).unwrap().bias, -0.001);
+        figures["rms"] = Value::Null;
+        assert!(of(&figures).is_err());
+    }
+
+    #[test]
+    fn counts_differ_when_any_count_does_and_not_when_times_do() {
+        let base = RunAnswer::parse(&report()).unwrap();
+        let mut other = report();
+        other["bounces"][1]["seconds"] = json!(9.0);
+        assert_eq!(RunAnswer::parse(&other).unwrap().counts(), base.counts());
+        other["bounces"][1]["escaped"] = json!(11);
+        assert_ne!(RunAnswer::parse(&other).unwrap().counts(), base.counts());
+    }
+}

@@ -1,0 +1,174 @@
+//! The standard scenes, and what was published about theirs in 2010.
+
+use std::path::{Path, PathBuf};
+
+use crate::shell::root;
+
+/// A scene of the tables.
+pub struct Case {
+    /// Short name: `--only`, names of files.
+    pub id: &'static str,
+    /// Name in tables.
+    pub title: &'static str,
+    /// Scene of the published row.
+    pub published: Published,
+    /// Threshold of the original variant, W/m².
+    pub slides_threshold: &'static str,
+    /// Standard error of the full reference, relative.
+    pub reference_error: f64,
+    file: Option<File>,
+    builtin: &'static str,
+}
+
+struct File {
+    path: &'static str,
+    before: &'static str,
+    after: &'static str,
+}
+
+/// One published row of the original variant on a CPU: M. Zollhöfer, Hierarchical Point Based Light Transport, 2010.
+/// Neither its rays per gather nor its machine nor its error were published.
+pub struct Published {
+    /// Its scene.
+    pub scene: &'static str,
+    /// Primitives.
+    pub triangles: &'static str,
+    /// Functions on the coarsest and on the finest level.
+    pub functions: &'static str,
+    /// Bounces 1 / 2 / 3, seconds.
+    pub bounces: &'static str,
+    /// Gathers.
+    pub integrals: &'static str,
+    /// Transport, seconds.
+    pub transport: &'static str,
+}
+
+/// All scenes.
+pub const CASES: [Case; 3] = [
+    Case {
+        id: "cornell",
+        title: "Cornell",
+        published: Published {
+            scene: "Cornell",
+            triangles: "36",
+            functions: "218 / 167k",
+            bounces: "21 / 2.9 / 2.4 s",
+            integrals: "13k",
+            transport: "32 s",
+        },
+        slides_threshold: "0.016",
+        reference_error: 0.003,
+        file: None,
+        builtin: "gen:cornell",
+    },
+    Case {
+        id: "dragon",
+        title: "Dragon room",
+        published: Published {
+            scene: "Happy",
+            triangles: "1.05M",
+            functions: "582 / 288k",
+            bounces: "499 / 154 / 44 s",
+            integrals: "67k",
+            transport: "728 s",
+        },
+        slides_threshold: "0.016",
+        reference_error: 0.003,
+        file: Some(File { path: "stanford/dragon_871k.glb", before: "gen:room-with=", after: ":1.5" }),
+        builtin: "gen:statue-room",
+    },
+    Case {
+        id: "sponza",
+        title: "Sponza",
+        published: Published {
+            scene: "Sponza",
+            triangles: "279k",
+            functions: "1438 / 356k",
+            bounces: "567 / 82 / 24 s",
+            integrals: "37k",
+            transport: "743 s",
+        },
+        slides_threshold: "0.15",
+        reference_error: 0.008,
+        file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "" }),
+        builtin: "gen:colonnade",
+    },
+];
+
+/// What is lit in place of a case.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// For the command line.
+    pub argument: String,
+    /// Names files that depend on it.
+    pub id: String,
+    /// For tables.
+    pub title: String,
+    /// Whether a procedural scene takes the place of a file that is not there.
+    pub is_stand_in: bool,
+}
+
+impl Case {
+    /// The scene itself where its file lies in `folder`, else its stand-in.
+    pub fn source(&self, folder: &Path) -> Source {
+        let own = |argument| Source { argument, id: self.id.into(), title: self.title.into(), is_stand_in: false };
+        let Some(file) = &self.file else { return own(self.builtin.into()) };
+        let path = folder.join(file.path);
+        if path.is_file() {
+            return own(format!("{}{}{}", file.before, path.display(), file.after));
+        }
+        let name = self.builtin.trim_start_matches("gen:");
+        Source {
+            argument: self.builtin.into(),
+            id: name.into(),
+            title: format!("{} (stand-in: {name})", self.title),
+            is_stand_in: true,
+        }
+    }
+}
+
+/// The folder of scene files: as asked, else `HPLT_SCENES`, else `../shared/scenes` beside the checkout.
+pub fn folder(asked: Option<&Path>) -> PathBuf {
+    let beside = || root().join("..").join("shared").join("scenes");
+    let folder = match asked {
+        Some(path) => path.to_path_buf(),
+        None => std::env::var_os("HPLT_SCENES").map_or_else(beside, PathBuf::from),
+    };
+    folder.canonicalize().unwrap_or(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_file_gives_the_stand_in_and_its_title_says_so() {
+        let nowhere = Path::new("no/such/folder");
+        let sources: Vec<Source> = CASES.iter().map(|c| c.source(nowhere)).collect();
+        assert_eq!(sources[0].argument, "gen:cornell");
+        assert!(!sources[0].is_stand_in);
+        for (source, name) in sources[1..].iter().zip(["statue-room", "colonnade"]) {
+            assert_eq!((source.argument.as_str(), source.is_stand_in), (format!("gen:{name}").as_str(), true));
+            assert!(source.title.contains(&format!("stand-in: {name}")), "{}", source.title);
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_there_is_lit() {
+        let folder = std::env::temp_dir().join(format!("hplt-bench-{}", std::process::id()));
+        let path = folder.join("stanford/dragon_871k.glb");
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, "").unwrap();
+        let source = CASES[1].source(&folder);
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(source.argument, format!("gen:room-with={}:1.5", path.display()));
+        assert_eq!((source.id.as_str(), source.is_stand_in), ("dragon", false));
+    }
+
+    #[test]
+    fn ids_are_distinct() {
+        let mut ids: Vec<&str> = CASES.iter().map(|c| c.id).collect();
+        ids.dedup();
+        assert_eq!(ids, ["cornell", "dragon", "sponza"]);
+    }
+}
