@@ -1,9 +1,13 @@
 //! Invariants: bits, scaling, row sums, coverage, agreement of the variants.
 
+use hplt::basis::{
+    Absolute, ApproximateNearest, Coefficients, Delta, ExactShepard, Reconstruction, absolute_from_delta,
+    delta_from_absolute,
+};
 use hplt::geom::glam::DVec3;
-use hplt::geom::{BuildPolicy, Material, MeshInput, Rgb, Scene, SceneBuilder};
+use hplt::geom::{BuildPolicy, Material, MeshInput, NoProgress, Rgb, Scene, SceneBuilder};
 use hplt::reference::scenes::{self, Shape};
-use hplt::transport::{Threshold, TransportOptions};
+use hplt::transport::{StopReason, Threshold, TransportOptions, transport_absolute, transport_delta};
 use hplt_tests::{Prepared, Setup};
 
 fn cornell() -> Scene {
@@ -151,4 +155,34 @@ fn delta_and_absolute_variants_agree() {
     let relative = (difference / mean).max_element();
     println!("mean difference of V1 and V3: {relative}");
     assert!(relative < 0.02, "{relative}");
+}
+
+/// Both variants run with both reconstructions, and what they find is near each other.
+#[test]
+fn both_variants_run_with_both_reconstructions() {
+    let mut setup = Setup { n_levels: 3, ..quick() };
+    setup.transport = TransportOptions { n_rays: 64, tolerance: 1e-2, ..setup.transport };
+    let prepared = Prepared::new(cornell(), setup);
+    let options = &prepared.setup.transport;
+    let direct = prepared.project();
+    let delta = delta_from_absolute(&prepared.basis, &direct);
+    let mean = |field: &Coefficients<Absolute>| {
+        let finest = field.level(2);
+        finest.iter().sum::<Rgb>() / finest.len() as f32
+    };
+    let (model, oracle) = (prepared.model(), &options.threshold);
+    let absolute = |r: &dyn Reconstruction<Absolute>| {
+        mean(&transport_absolute(&model, &direct, r, oracle, options, &NoProgress).unwrap().indirect)
+    };
+    let delta = |r: &dyn Reconstruction<Delta>| {
+        let solution = transport_delta(&model, &delta, r, oracle, options, &NoProgress).unwrap();
+        assert_eq!(solution.report.stop, StopReason::Converged);
+        mean(&absolute_from_delta(&prepared.basis, &solution.indirect))
+    };
+    let exact = absolute(&ExactShepard);
+    for other in [absolute(&ApproximateNearest), delta(&ExactShepard), delta(&ApproximateNearest)] {
+        let difference = ((other - exact) / exact).abs().max_element();
+        println!("{difference}");
+        assert!(difference < 0.1, "{other} {exact}");
+    }
 }

@@ -89,6 +89,7 @@ impl From<hplt_transport::Error> for Failure {
             E::Interrupted(_) => Self::interrupted(),
             E::Option { .. } => Self::usage(message),
             E::NoFiniteSolution { .. } => Self::new(Exit::NotConverged, "NO_FINITE_SOLUTION", message),
+            E::Diverging { .. } => Self::new(Exit::NotConverged, "DIVERGING", message),
             E::NotFinite { .. } => Self::new(Exit::NotFinite, "NOT_FINITE", message),
             _ => Self::new(Exit::Bug, "TRANSPORT", message),
         }

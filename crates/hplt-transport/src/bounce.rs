@@ -74,6 +74,7 @@ pub(crate) struct RegionAccount {
 pub(crate) struct Account {
     pub regions: Vec<RegionAccount>,
     bounces: Vec<BounceReport>,
+    n_growing: usize,
     started: f64,
     current: BounceReport,
 }
@@ -83,7 +84,7 @@ impl Account {
         let region =
             RegionAccount { max_row_sum: Rgb::ZERO, min_row_sum: f32::INFINITY, mean: Rgb::ZERO, unshot: Rgb::ZERO };
         let regions = vec![region; basis.hierarchy().n_regions as usize];
-        Self { regions, bounces: Vec::new(), started: 0.0, current: empty_bounce() }
+        Self { regions, bounces: Vec::new(), n_growing: 0, started: 0.0, current: empty_bounce() }
     }
 
     /// Takes the direct light as what there is before the first bounce: its means per region.
@@ -135,6 +136,19 @@ impl Account {
         self.current.mean = area_mean(basis, level0);
         self.current.seconds = now - self.started;
         self.bounces.push(std::mem::replace(&mut self.current, empty_bounce()));
+    }
+
+    /// Counts how many bounces in a row added more light than the one before.
+    ///
+    /// # Errors
+    /// When there are too many of them for it to be chance.
+    pub fn check_growth(&mut self) -> Result<(), Error> {
+        const TOO_MANY: usize = 12;
+        if let [.., before, last] = &self.bounces[..] {
+            let grew = last.unshot.max_element() > before.unshot.max_element();
+            self.n_growing = if grew { self.n_growing + 1 } else { 0 };
+        }
+        if self.n_growing >= TOO_MANY { Err(Error::Diverging { n_growing: self.n_growing }) } else { Ok(()) }
     }
 
     /// The largest bound on what is still to come, relative to the mean irradiance of its region and channel.
@@ -238,6 +252,7 @@ pub(crate) fn run<E>(
         };
         account.end_bounce(model.basis, &level0_values(&new), progress.now());
         account.check_finite_solution()?;
+        account.check_growth()?;
         indirect.add(&new);
         unshot = Some(new);
         if account.truncation_bound() <= options.tolerance {

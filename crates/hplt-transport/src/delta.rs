@@ -1,4 +1,4 @@
-use hplt_basis::{Coefficients, Delta, ExactShepard, Reconstruction};
+use hplt_basis::{Coefficients, Delta, Reconstruction};
 use hplt_geom::{OrientedPoint, Progress, Rgb, parallel};
 
 use crate::bounce::{self, Account, always_active, children_of, gather_level, merge};
@@ -13,10 +13,13 @@ use crate::{Detail, Error, Model, Oracle, Sender, Solution, TransportOptions};
 ///    total += new;  unshot := new
 /// ```
 ///
-/// `reconstruction` reads senders: [`ExactShepard`] in the original. Interruption keeps the bounces that are finished.
+/// `reconstruction` reads senders, and what details are taken against: [`ExactShepard`](hplt_basis::ExactShepard) in the
+/// original. Details mean something only to the reconstruction that they were made for: read by another, their errors
+/// add up from bounce to bounce. Interruption keeps the bounces that are finished.
 ///
 /// # Errors
-/// When an option is out of range, a closed region has albedo 1, or a value is not finite.
+/// When an option is out of range, a closed region has albedo 1, a value is not finite, or the bounces grow: delta rows have
+/// negative weights, so nothing guarantees that they shrink.
 pub fn transport_delta(
     model: &Model<'_>,
     direct: &Coefficients<Delta>,
@@ -51,8 +54,8 @@ fn delta_bounce(
         let gathered = gather_level(model, sender, level, &active, options, progress)?;
         account.enter(basis, level, &active, &gathered, options.n_rays)?;
         let points: Vec<OrientedPoint> = active.iter().map(|&i| basis.points(level)[i as usize]).collect();
-        let inherited = field_at(model, &new, level, &points);
-        let before = field_at(model, so_far, level + 1, &points);
+        let inherited = field_at(model, &new, sender.reconstruction, level, &points);
+        let before = field_at(model, so_far, sender.reconstruction, level + 1, &points);
         let mut refined = Vec::new();
         for (k, &function) in active.iter().enumerate() {
             let detail = gathered[k].irradiance - inherited[k];
@@ -70,7 +73,13 @@ fn delta_bounce(
 }
 
 /// `F` cut to the `n_levels` coarsest levels, at `points`; zero for none.
-fn field_at(model: &Model<'_>, field: &Coefficients<Delta>, n_levels: usize, points: &[OrientedPoint]) -> Vec<Rgb> {
+fn field_at(
+    model: &Model<'_>,
+    field: &Coefficients<Delta>,
+    reconstruction: &dyn Reconstruction<Delta>,
+    n_levels: usize,
+    points: &[OrientedPoint],
+) -> Vec<Rgb> {
     if n_levels == 0 {
         return vec![Rgb::ZERO; points.len()];
     }
@@ -81,7 +90,7 @@ fn field_at(model: &Model<'_>, field: &Coefficients<Delta>, n_levels: usize, poi
         || (),
         |(), i| {
             let mut out = vec![Rgb::ZERO; chunks[i].len()];
-            ExactShepard.reconstruct(model.basis, field, n_levels, chunks[i], &mut out);
+            reconstruction.reconstruct(model.basis, field, n_levels, chunks[i], &mut out);
             out
         },
     );

@@ -25,6 +25,14 @@ pub enum Error {
         /// The region.
         region: u32,
     },
+    /// Bounce after bounce is brighter than the one before.
+    #[error(
+        "the last {n_growing} bounces each grew: the transport does not converge; use the absolute variant or exact reconstruction"
+    )]
+    Diverging {
+        /// How many bounces in a row grew.
+        n_growing: usize,
+    },
     /// A coefficient became NaN or infinite.
     #[error("bounce {bounce}, level {level}, function {function}: irradiance is not finite")]
     NotFinite {
