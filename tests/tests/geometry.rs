@@ -207,3 +207,32 @@ fn d11_a_low_step_does_not_bleed() {
     println!("mean error beside a step: {errors:?}");
     assert!(errors[1] < 0.05 && errors[1] < errors[0], "{errors:?}");
 }
+
+/// H3: a plate half a millimetre under the ceiling faces the same way as the ceiling does and is far nearer to it than any
+/// support is wide. The slit between them stays dark inside, the plate's lit side and the ceiling around it do not.
+#[test]
+fn a_slit_between_parallel_layers_stays_dark() {
+    let mut builder = SceneBuilder::new();
+    let white = builder.push_material(Material::diffuse("white", Rgb::splat(0.7)));
+    Shape::new().room(DVec3::ZERO, DVec3::ONE).push_into(&mut builder, "room", white);
+    let at = |x: f64, z: f64| DVec3::new(x, 0.9995, z);
+    Shape::new().quad([at(0.35, 0.35), at(0.65, 0.35), at(0.65, 0.65), at(0.35, 0.65)]).push_into(
+        &mut builder,
+        "plate",
+        white,
+    );
+    builder.push_point_light("lamp", DVec3::new(0.3, 0.3, 0.5), Rgb::ONE);
+    let prepared = Prepared::new(scenes::build(builder), quick());
+    let solved = prepared.solve().unwrap();
+    let mean_of = |values: &[Rgb]| values.iter().map(|v| v.y).sum::<f32>() / values.len() as f32;
+    let ceiling = |corner: DVec3| grid(&prepared, corner, DVec3::X * 0.2, DVec3::Z * 0.2, 8);
+    let beside = totals(&prepared, &solved, &ceiling(DVec3::new(0.7, 1.0, 0.4)));
+    let plate = totals(&prepared, &solved, &ceiling(DVec3::new(0.4, 0.9995, 0.4)));
+    let slit = totals(&prepared, &solved, &ceiling(DVec3::new(0.4, 1.0, 0.4)));
+    for (mode, share) in [(0, 0.02), (1, 0.005)] {
+        let lit = mean_of(&beside[mode]);
+        println!("slit {}, plate {}, beside {lit}", mean_of(&slit[mode]), mean_of(&plate[mode]));
+        assert!(mean_of(&slit[mode]) < share * lit);
+        assert!(mean_of(&plate[mode]) > 0.5 * lit);
+    }
+}
