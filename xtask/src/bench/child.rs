@@ -23,8 +23,17 @@ pub struct Hplt {
 pub struct Answer {
     /// Its JSON document.
     pub document: Value,
-    /// Largest resident memory, bytes; `None` where the system does not say.
+    /// What it took; nothing where the system does not say.
+    pub usage: Usage,
+}
+
+/// What a process has taken so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Usage {
+    /// Largest resident memory, bytes.
     pub peak_memory: Option<u64>,
+    /// Seconds on processors, all threads together. Unlike wall-clock time it hardly depends on what else is running.
+    pub processor_seconds: Option<f64>,
 }
 
 impl Hplt {
@@ -73,10 +82,10 @@ impl Hplt {
         let mut child = command.spawn().with_context(|| format!("cannot start {}", self.binary.display()))?;
         let stdout = reader(child.stdout.take());
         let stderr = reader(child.stderr.take());
-        let mut peak_memory = None;
+        let mut usage = Usage::default();
         let status = loop {
-            // The figure only grows, and is gone as soon as the process ends.
-            peak_memory = peak_of(child.id()).max(peak_memory);
+            // Both figures only grow, and are gone as soon as the process ends.
+            usage = usage.or_later(child.id());
             if let Some(status) = child.try_wait()? {
                 break status;
             }
@@ -88,7 +97,7 @@ impl Hplt {
         }
         let document = serde_json::from_str(&stdout)
             .with_context(|| format!("`{shown}` printed no JSON document\n{}", stderr.trim_end()))?;
-        Ok(Answer { document, peak_memory })
+        Ok(Answer { document, usage })
     }
 }
 
@@ -104,8 +113,25 @@ fn reader(pipe: Option<impl Read + Send + 'static>) -> thread::JoinHandle<String
     })
 }
 
-fn peak_of(process: u32) -> Option<u64> {
-    parse_peak(&std::fs::read_to_string(format!("/proc/{process}/status")).ok()?)
+impl Usage {
+    /// What `process` has taken by now, where it can still be seen.
+    fn or_later(self, process: u32) -> Self {
+        let read = |name: &str| std::fs::read_to_string(format!("/proc/{process}/{name}")).ok();
+        Self {
+            peak_memory: read("status").and_then(|text| parse_peak(&text)).or(self.peak_memory),
+            processor_seconds: read("stat").and_then(|text| parse_processor_seconds(&text)).or(self.processor_seconds),
+        }
+    }
+}
+
+/// User and system time in the text of `/proc/PID/stat`.
+fn parse_processor_seconds(stat: &str) -> Option<f64> {
+    // What programs see of the kernel's clock, on every Linux system.
+    const TICKS_PER_SECOND: f64 = 100.0;
+    // The name of the program, in parentheses, may hold anything.
+    let mut after_name = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let mut ticks = || after_name.next()?.parse::<f64>().ok();
+    Some((ticks()? + ticks()?) / TICKS_PER_SECOND)
 }
 
 /// `VmHWM` in the text of `/proc/PID/status`, bytes.
@@ -123,6 +149,13 @@ mod tests {
     fn the_peak_is_read_from_the_status_of_a_process() {
         assert_eq!(parse_peak("Name:\thplt\nVmPeak:\t   99 kB\nVmHWM:\t    1536 kB\nThreads:\t2\n"), Some(1_572_864));
         assert_eq!(parse_peak("Name:\tzombie\nState:\tZ (zombie)\n"), None);
+    }
+
+    #[test]
+    fn processor_time_is_user_and_system_time() {
+        let stat = "4242 (a ) b) S 1 2 3 4 5 6 7 8 9 10 1250 75 0 0 20 0 3 0 100 200 300";
+        assert_eq!(parse_processor_seconds(stat), Some(13.25));
+        assert_eq!(parse_processor_seconds("4242 (a) S 1 2"), None);
     }
 
     #[test]

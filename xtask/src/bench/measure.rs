@@ -82,6 +82,8 @@ pub struct Production {
     pub uncovered: u64,
     /// Largest resident memory of the solver, bytes.
     pub peak_memory: Option<u64>,
+    /// Median seconds on processors of the solver: all threads, all stages, writing and the error estimate too.
+    pub processor_seconds: Option<f64>,
 }
 
 /// V1, `--preset slides`.
@@ -148,11 +150,11 @@ impl Bench<'_> {
     pub fn row(&self, case: &Case, source: &Source) -> Result<Row> {
         let solution = self.file(source, "production.hplt");
         let solve = self.solve_command(source, &["--preset", "production"], &solution);
-        let (mut answers, mut peaks) = (Vec::new(), Vec::new());
+        let (mut answers, mut usages) = (Vec::new(), Vec::new());
         for _ in 0..self.effort.n_runs.max(1) {
             let answer = self.hplt.ask(&solve, Some(NOT_CONVERGED))?;
             answers.push(RunAnswer::parse(&answer.document)?);
-            peaks.push(answer.peak_memory);
+            usages.push(answer.usage);
         }
         check_repeatable(&source.title, &answers)?;
         let solved = answers[0].clone();
@@ -187,7 +189,8 @@ impl Bench<'_> {
                 rays_per_second: if stages.transport > 0.0 { solved.rays() as f64 / stages.transport } else { 0.0 },
                 escaped: solved.bounces.iter().map(|b| b.escaped).sum(),
                 uncovered: solved.bounces.iter().map(|b| b.uncovered).sum(),
-                peak_memory: peaks.into_iter().flatten().max(),
+                peak_memory: usages.iter().filter_map(|u| u.peak_memory).max(),
+                processor_seconds: median_of(usages.iter().filter_map(|u| u.processor_seconds)),
             },
             slides,
             warnings: solved.warnings,
@@ -262,6 +265,11 @@ fn median_stages(answers: &[RunAnswer]) -> StageSeconds {
         direct: of(|s| s.direct),
         transport: of(|s| s.transport),
     }
+}
+
+fn median_of(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.collect();
+    (!values.is_empty()).then(|| median(&values))
 }
 
 /// The middle value, of an even number the mean of the two middle ones; 0 of none.

@@ -103,7 +103,9 @@ const ERROR_NOTE: &str = "Relative error of the luminance of total irradiance at
 included, against the path tracer, whose own error is in these figures (SE: standard error); the floor is 1 % of the mean. \
 Reading is the time for all points, direct light included.";
 const STAGE_NOTE: &str = "Times are medians; the solve counts all stages but writing the solution and the error estimate. \
-Rays over the time of transport. Memory is the largest resident set of the solver.";
+Rays \
+per second are over the time of transport. Processor time is that of all threads, writing and the error estimate included; it \
+hardly depends on what else the machine does. Memory is the largest resident set of the solver.";
 const SLIDES_HEAD: [&str; 7] =
     ["scene", "triangles", "functions L0 / L5", "bounces 1 / 2 / 3", "integrals", "transport", "error, interpolated"];
 const SLIDES_NOTE: &str = "Three bounces, delta encoding, 1024 rays per gather. The published rows are those of the slides \
@@ -132,6 +134,7 @@ fn production_column(row: &Row) -> Vec<(&'static str, String)> {
         ("direct light", seconds(s.direct)),
         ("transport", seconds(s.transport)),
         ("solve", spread(&p.runs)),
+        ("processor time, all in", p.processor_seconds.map_or("unknown".into(), seconds)),
         ("mean error: interpolated / best", format!("{} / {}", percent(p.interpolated.mean), percent(best))),
         ("bounces", format!("{} ({})", p.bounces, p.stop)),
         ("integrals", count(p.integrals)),
@@ -238,6 +241,7 @@ mod tests {
                 escaped: 11,
                 uncovered: 2,
                 peak_memory: Some(123_456_789),
+                processor_seconds: Some(15.5),
             },
             slides: with_slides.then(|| Slides {
                 interpolated: figures_of(0.02),
