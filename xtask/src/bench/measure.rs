@@ -16,6 +16,8 @@ pub const GATHER_RAYS: u32 = 4096;
 /// How much work to do.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
+    /// Whether the quick values of a case are meant.
+    pub is_quick: bool,
     /// Points per scene.
     pub n_points: usize,
     /// Standard error of the reference, in place of the one of the case.
@@ -158,7 +160,8 @@ impl Bench<'_> {
         }
         check_repeatable(&source.title, &answers)?;
         let solved = answers[0].clone();
-        let error = self.effort.reference_error.unwrap_or(case.reference_error);
+        let usual = if self.effort.is_quick { case.quick_reference_error } else { case.reference_error };
+        let error = self.effort.reference_error.unwrap_or(usual);
         let truth =
             truth::find_or_trace(self.hplt, self.folder, source, &solved.scene_hash, self.effort.n_points, error)?;
         let (interpolated, interpolation_seconds) =

@@ -32,10 +32,10 @@ pub struct Options {
     /// takes its place.
     #[arg(long, value_name = "DIR")]
     scenes: Option<PathBuf>,
-    /// Random points per scene [default: 2000; quick: 250].
+    /// Random points per scene [default: 2000; quick: 200].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Standard error of the reference at each point, relative [default: by scene; quick: 0.01].
+    /// Standard error of the reference at each point, relative [default: by scene].
     #[arg(long, value_name = "FRACTION")]
     reference_error: Option<f64>,
     /// Runs of the solver [default: 3; quick: 1].
@@ -95,13 +95,13 @@ fn finish(folder: &Path, report: &Report, text: &str) -> Result<()> {
 impl Options {
     fn effort(&self) -> Result<Effort> {
         let quick = |quick, full| if self.quick { quick } else { full };
-        let reference_error = self.reference_error.or_else(|| self.quick.then_some(0.01));
-        if let Some(error) = reference_error.filter(|e| !(*e > 0.0 && *e < 1.0)) {
+        if let Some(error) = self.reference_error.filter(|e| !(*e > 0.0 && *e < 1.0)) {
             bail!("--reference-error {error}; expected a fraction between 0 and 1, such as 0.003");
         }
         Ok(Effort {
-            n_points: self.points.unwrap_or(quick(250, 2000)),
-            reference_error,
+            is_quick: self.quick,
+            n_points: self.points.unwrap_or(quick(200, 2000)),
+            reference_error: self.reference_error,
             n_runs: self.runs.unwrap_or(quick(1, 3)),
             with_slides: !self.quick && !self.no_slides,
         })
@@ -131,8 +131,9 @@ mod tests {
     #[test]
     fn quick_is_less_work_and_single_values_win_over_it() {
         let (full, quick) = (effort(&[]).unwrap(), effort(&["--quick"]).unwrap());
-        assert!(full.n_points == 2000 && full.n_runs == 3 && full.with_slides && full.reference_error.is_none());
-        assert!(quick.n_points < full.n_points && quick.n_runs == 1 && quick.reference_error == Some(0.01));
+        assert!(full.n_points == 2000 && full.n_runs == 3 && full.with_slides && !full.is_quick);
+        assert!(quick.n_points < full.n_points && quick.n_runs == 1 && quick.is_quick);
+        assert!(CASES.iter().all(|case| case.quick_reference_error > case.reference_error));
         let mixed = effort(&["--quick", "--points", "99", "--runs", "2", "--reference-error", "0.02"]).unwrap();
         assert_eq!((mixed.n_points, mixed.n_runs, mixed.reference_error), (99, 2, Some(0.02)));
     }

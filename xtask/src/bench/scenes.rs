@@ -16,6 +16,8 @@ pub struct Case {
     pub slides_threshold: &'static str,
     /// Standard error of the full reference, relative.
     pub reference_error: f64,
+    /// The same of the quick one: what a minute or so allows.
+    pub quick_reference_error: f64,
     file: Option<File>,
     builtin: &'static str,
 }
@@ -58,6 +60,7 @@ pub const CASES: [Case; 3] = [
         },
         slides_threshold: "0.016",
         reference_error: 0.003,
+        quick_reference_error: 0.005,
         file: None,
         builtin: "gen:cornell",
     },
@@ -74,6 +77,7 @@ pub const CASES: [Case; 3] = [
         },
         slides_threshold: "0.016",
         reference_error: 0.003,
+        quick_reference_error: 0.005,
         file: Some(File { path: "stanford/dragon_871k.glb", before: "gen:room-with=", after: ":1.5" }),
         builtin: "gen:statue-room",
     },
@@ -90,6 +94,7 @@ pub const CASES: [Case; 3] = [
         },
         slides_threshold: "0.15",
         reference_error: 0.008,
+        quick_reference_error: 0.02,
         file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "" }),
         builtin: "gen:colonnade",
     },
