@@ -64,11 +64,11 @@ impl TransportOptions {
     /// For results that are kept: all bounces, about one per cent of error.
     pub fn production() -> Self {
         Self {
-            n_rays: 256,
+            n_rays: 1024,
             sender_levels: usize::MAX,
             max_bounces: 1000,
             tolerance: 1e-3,
-            threshold: Threshold { absolute: 0.0, relative: 0.03, noise: 1.0 },
+            threshold: Threshold { absolute: 0.0, relative: 0.05, noise: 2.0 },
             shaped_push_down: true,
             ..Self::slides()
         }
