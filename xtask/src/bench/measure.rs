@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::answers::{Figures, RunAnswer, StandardError};
 use super::child::{Hplt, NOT_CONVERGED};
+use super::lit::LitError;
 use super::scenes::{Case, Source};
 use super::truth::{self, Truth};
 
@@ -53,13 +54,22 @@ pub struct Row {
     pub warnings: Vec<String>,
 }
 
+/// Error of irradiance read from a solution.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Measured {
+    /// Over all points.
+    pub all: Figures,
+    /// Over those where there is light.
+    pub lit: LitError,
+}
+
 /// V3, `--preset production`.
 #[derive(Debug, Serialize)]
 pub struct Production {
     /// Interpolated.
-    pub interpolated: Figures,
+    pub interpolated: Measured,
     /// Through a final gather.
-    pub gathered: Figures,
+    pub gathered: Measured,
     /// Seconds of every run, all stages but writing and the error estimate.
     pub runs: Vec<f64>,
     /// Median seconds of the stages.
@@ -92,7 +102,7 @@ pub struct Production {
 #[derive(Debug, Serialize)]
 pub struct Slides {
     /// Interpolated.
-    pub interpolated: Figures,
+    pub interpolated: Measured,
     /// Threshold, W/m².
     pub threshold: String,
     /// Seconds of the bounces, in order.
@@ -231,7 +241,7 @@ impl Bench<'_> {
         (solution, preset): (&Path, &str),
         name: &str,
         gather: Option<u32>,
-    ) -> Result<(Figures, f64)> {
+    ) -> Result<(Measured, f64)> {
         let out = self.file(source, name);
         let mut command = strings(&["points", &source.argument, "--preset", preset, "--force"]);
         command.extend([strings(&["--solution"]), vec![shown(solution)]].concat());
@@ -241,7 +251,8 @@ impl Bench<'_> {
         let read = RunAnswer::parse(&answer.document)?;
         let seconds = read.seconds_of("direct light of points") + read.seconds_of("indirect light of points");
         let compared = self.hplt.ask_briefly(&["compare".into(), shown(&out), shown(&truth.table)])?;
-        Ok((Figures::parse(&compared.document)?, seconds))
+        let lit = LitError::of_files(&out, &truth.table)?;
+        Ok((Measured { all: Figures::parse(&compared.document)?, lit }, seconds))
     }
 
     fn file(&self, source: &Source, name: &str) -> PathBuf {

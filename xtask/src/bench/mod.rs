@@ -2,6 +2,7 @@
 
 mod answers;
 mod child;
+mod lit;
 mod machine;
 mod measure;
 mod scenes;

@@ -4,9 +4,8 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use super::answers::Figures;
 use super::machine::Machine;
-use super::measure::{GATHER_RAYS, Row, median};
+use super::measure::{GATHER_RAYS, Measured, Row, median};
 use super::scenes::Published;
 
 /// Everything that is printed.
@@ -52,12 +51,14 @@ impl Report {
         let of = |row: &Row| {
             let p = &row.production;
             let solve = median(&p.runs);
-            let line = |how: String, e: &Figures, reading: f64| {
+            let line = |how: String, measured: &Measured, reading: f64| {
+                let (e, lit) = (&measured.all, &measured.lit);
                 let mut cells = vec![row.title.clone(), how];
                 cells.extend([e.mean, e.median, e.p95, e.rms].map(percent));
                 cells.push(format!("{:+.2} %", 100.0 * e.bias));
+                cells.push(percent(lit.mean));
                 cells.push(format!("{} ({} at most)", percent(row.reference.mean), percent(row.reference.max)));
-                cells.push(row.n_points.to_string());
+                cells.push(format!("{} ({} dark)", row.n_points, lit.n_dark));
                 cells.push(format!("{} + {}", seconds(solve), seconds(reading)));
                 cells
             };
@@ -81,7 +82,7 @@ impl Report {
                 format!("{} s", bounces.join(" / ")),
                 count(s.integrals),
                 seconds(s.transport),
-                format!("{} mean, {:+.2} % bias", percent(s.interpolated.mean), 100.0 * s.interpolated.bias),
+                format!("{} mean, {:+.2} % bias", percent(s.interpolated.all.mean), 100.0 * s.interpolated.all.bias),
             ]);
             rows.push(vec![
                 format!("{}, published 2010", published.scene),
@@ -97,10 +98,22 @@ impl Report {
     }
 }
 
-const ERROR_HEAD: [&str; 10] =
-    ["scene", "read", "mean", "median", "p95", "rms", "bias", "reference SE, mean", "points", "solve + reading"];
+const ERROR_HEAD: [&str; 11] = [
+    "scene",
+    "read",
+    "mean",
+    "median",
+    "p95",
+    "rms",
+    "bias",
+    "mean where lit",
+    "reference SE, mean",
+    "points",
+    "solve + reading",
+];
 const ERROR_NOTE: &str = "Relative error of the luminance of total irradiance at random reachable points, corners \
 included, against the path tracer, whose own error is in these figures (SE: standard error); the floor is 1 % of the mean. \
+Points below the floor are called dark; hardly any light gets there, and an error there says little. \
 Reading is the time for all points, direct light included.";
 const STAGE_NOTE: &str = "Times are medians; the solve counts all stages but writing the solution and the error estimate. \
 Rays \
@@ -124,7 +137,7 @@ fn production_column(row: &Row) -> Vec<(&'static str, String)> {
             n => format!("{} ({} to {}, {n} runs)", seconds(median(runs)), figures(least), seconds(most)),
         }
     };
-    let best = p.interpolated.mean.min(p.gathered.mean);
+    let best = p.interpolated.all.mean.min(p.gathered.all.mean);
     vec![
         ("triangles", count(row.triangles)),
         ("points L0 / finest", functions(row)),
@@ -135,7 +148,7 @@ fn production_column(row: &Row) -> Vec<(&'static str, String)> {
         ("transport", seconds(s.transport)),
         ("solve", spread(&p.runs)),
         ("processor time, all in", p.processor_seconds.map_or("unknown".into(), seconds)),
-        ("mean error: interpolated / best", format!("{} / {}", percent(p.interpolated.mean), percent(best))),
+        ("mean error: interpolated / best", format!("{} / {}", percent(p.interpolated.all.mean), percent(best))),
         ("bounces", format!("{} ({})", p.bounces, p.stop)),
         ("integrals", count(p.integrals)),
         ("rays", count(p.rays)),
@@ -208,13 +221,17 @@ fn count(n: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::answers::StandardError;
+    use super::super::answers::{Figures, StandardError};
+    use super::super::lit::LitError;
     use super::super::measure::{Production, Slides, StageSeconds};
     use super::super::scenes::CASES;
     use super::*;
 
-    fn figures_of(mean: f64) -> Figures {
-        Figures { mean, median: 0.8 * mean, p95: 3.0 * mean, rms: 1.5 * mean, max: 9.0 * mean, bias: -0.1 * mean }
+    fn figures_of(mean: f64) -> Measured {
+        let lit = LitError { mean: 0.9 * mean, n_lit: 1900, n_dark: 100 };
+        let all =
+            Figures { mean, median: 0.8 * mean, p95: 3.0 * mean, rms: 1.5 * mean, max: 9.0 * mean, bias: -0.1 * mean };
+        Measured { all, lit }
     }
 
     fn row(title: &str, with_slides: bool) -> Row {
@@ -281,7 +298,11 @@ mod tests {
         assert!(interpolated.contains("1.23 %") && interpolated.contains("8.50 s + 0.25 s"), "{interpolated}");
         let gathered = line("gathered, 4096 rays");
         assert!(
-            gathered.contains("0.45 %") && gathered.contains("-0.04 %") && gathered.contains("0.22 %"),
+            gathered.contains("0.45 %")
+                && gathered.contains("-0.04 %")
+                && gathered.contains("0.22 %")
+                && gathered.contains("0.40 %")
+                && gathered.contains("2000 (100 dark)"),
             "{gathered}"
         );
         assert!(line("our run").contains("15.8 s") && line("our run").contains("2.00 % mean"));
