@@ -25,7 +25,8 @@ pub trait Reconstruction<E>: Sync {
 pub struct ExactShepard;
 
 /// The coefficient of the approximately nearest function on the same side: one descent of the kd-tree per level (delta)
-/// or in all (absolute). Its error averages out over the many rays of a gather.
+/// or in all (absolute), and a search where that ends farther away than a support reaches. Its error averages out over
+/// the many rays of a gather.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ApproximateNearest;
 
@@ -141,7 +142,11 @@ fn approximate_nearest(basis: &ShepardBasis, level: usize, query: &OrientedPoint
         let point = &points[id as usize];
         query.normal.dot(point.normal) > 0.5 && point.is_continued_at(query)
     };
-    basis.tree(level).approximate_nearest(query.position, same_side).map(|(id, _)| id)
+    let (tree, support) = (basis.tree(level), basis.support(level));
+    let found = tree.approximate_nearest(query.position, same_side);
+    // A leaf that mixes walls may hold only a function of this side that is far away, or none.
+    let near = found.filter(|&(_, distance_squared)| distance_squared <= support * support);
+    near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
 }
 
 fn nearest_of(
