@@ -23,7 +23,8 @@ use table::Report;
 /// What to measure.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Fewer points, a looser reference, one run: under three minutes on two free cores.
+    /// Fewer points, a looser reference, one run. On two free cores the solve of Sponza still takes minutes; --only cornell
+    /// --only dragon leaves it out.
     #[arg(long)]
     quick: bool,
     /// Only these scenes; may be repeated.
