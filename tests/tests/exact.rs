@@ -77,16 +77,15 @@ fn a2_furnace_after_k_bounces() {
 #[test]
 fn a3_generalised_furnace() {
     let scenes = [
-        ("clutter", scenes::build(scenes::cluttered_room(3, 12, 1.0)), 0.15),
-        ("torus", scenes::build(scenes::torus(48, 24, 1.0)), 0.15),
-        // Slivers between boxes have sides without a function of their own.
-        ("boxes through each other", scenes::build(scenes::cluttered_room(4, 60, 1.0)), 0.4),
+        ("clutter", scenes::build(scenes::cluttered_room(3, 12, 1.0))),
+        ("torus", scenes::build(scenes::torus(48, 24, 1.0))),
+        ("boxes through each other", scenes::build(scenes::cluttered_room(4, 60, 1.0))),
     ];
-    for (name, scene, margin) in scenes {
+    for (name, scene) in scenes {
         let mut setup = furnace_setup();
         setup.n_levels = 1;
         setup.direct.sky_samples = 256;
-        setup.transport = TransportOptions { n_rays: 256, tolerance: 1e-3, ..setup.transport };
+        setup.transport = TransportOptions { n_rays: 128, tolerance: 1e-3, ..setup.transport };
         let prepared = Prepared::new(scene, setup);
         let solved = prepared.solve().unwrap();
         assert_eq!(solved.report.n_escaped(), 0, "{name}");
@@ -94,11 +93,15 @@ fn a3_generalised_furnace() {
         let coverage = solved.report.coverage();
         assert!(coverage.uncovered <= coverage.queries / 1000, "{name}: {coverage:?}");
         // B = 1 makes E = 1, but emission and reflection are gathered by different rays: what is left is their noise.
-        let error = worst(&prepared, &solved, 1.0);
-        println!("{name}: {error:e}, {} bounces", solved.report.bounces.len());
-        // The largest of a thousand values, each with the noise of 256 rays twice.
-        assert!(error <= margin, "{name}: {error:e}");
+        let points = hplt::sampling::random_surface_points(&prepared.scene, &prepared.bvh, &prepared.regions, 200, 5);
+        let gathered = prepared.gather(&solved, &points, 256);
+        let at_points = prepared.direct_at(&points).into_iter().zip(&gathered).map(|(d, g)| d + g.irradiance);
         let finest = solved.finest();
+        let deviations = finest.iter().copied().chain(at_points).map(|e| (e - Rgb::ONE).abs().max_element());
+        let error = deviations.fold(0.0, f32::max);
+        println!("{name}: {error:e}, {} bounces", solved.report.bounces.len());
+        // The largest of a thousand values whose noise is 0.8 %.
+        assert!(error <= 0.08, "{name}: {error:e}");
         let mean = finest.iter().sum::<Rgb>() / finest.len() as f32;
         println!("{name}: mean {mean}");
         assert!((mean - Rgb::ONE).abs().max_element() <= 5e-3, "{name}: mean {mean}");
