@@ -6,6 +6,7 @@
 //! watertight: see `triangle.rs` and `traverse.rs`.
 
 mod alpha;
+mod batch;
 mod binary;
 mod build;
 mod dispatch;

@@ -5,6 +5,7 @@
 use glam::Vec3;
 
 use super::alpha::Cutouts;
+use super::batch::coherent_order;
 use super::triangle::{Packet, PacketHits, Shear};
 use super::wide::{Child, Node, WIDTH, WideTree};
 use crate::{Hit, Ray};
@@ -96,8 +97,11 @@ where
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
     let mut stack = vec![NO_ENTRY; target.tree.stack_size()];
-    for (ray, hit) in rays.iter().zip(hits) {
-        *hit = Probe::new(ray).map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut stack));
+    let mut guess = Child::NONE;
+    for i in coherent_order(rays) {
+        let i = i as usize;
+        hits[i] = Probe::new(&rays[i])
+            .map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut guess, &mut stack));
     }
 }
 
@@ -108,37 +112,40 @@ where
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
     let mut stack = vec![NO_ENTRY; target.tree.stack_size()];
-    for (ray, is_occluded) in rays.iter().zip(occluded) {
-        *is_occluded = Probe::new(ray).is_some_and(|probe| any(kernels, target, &probe, &mut stack));
+    let mut guess = Child::NONE;
+    for i in coherent_order(rays) {
+        let i = i as usize;
+        occluded[i] =
+            Probe::new(&rays[i]).is_some_and(|probe| any(kernels, target, &probe, &mut guess, &mut stack));
     }
 }
 
 #[inline(always)]
-fn nearest<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, stack: &mut [Entry]) -> Hit
+fn nearest<E, T>(
+    kernels: &Kernels<E, T>,
+    target: Target<'_>,
+    probe: &Probe,
+    guess: &mut Child,
+    stack: &mut [Entry],
+) -> Hit
 where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
-    let Target { tree, cutouts } = target;
+    let tree = target.tree;
     let mut best = Hit { t: probe.t_max, ..Hit::MISS };
     if tree.nodes.is_empty() {
         return Hit::MISS;
+    }
+    if *guess != Child::NONE {
+        test_leaf(kernels, target, probe, *guess, &mut best);
     }
     let mut child = Child::ROOT;
     let mut n = 0;
     loop {
         if child.is_leaf() {
-            for packet in &tree.packets[child.packets()] {
-                let hits = (kernels.test)(packet, &probe.shear, best.t);
-                for lane in set_bits(hits.mask) {
-                    if hits.t[lane] > best.t {
-                        continue;
-                    }
-                    let hit = hits.hit(packet, lane);
-                    if wins(&hit, &best) && is_there(cutouts, packet.is_masked(lane), &hit) {
-                        best = hit;
-                    }
-                }
+            if child != *guess && test_leaf(kernels, target, probe, child, &mut best) {
+                *guess = child;
             }
         } else {
             let node = &tree.nodes[child.node_index()];
@@ -161,6 +168,30 @@ where
             }
         }
     }
+}
+
+/// Whether a leaf has a hit that is better than `best`, which becomes it.
+#[inline(always)]
+fn test_leaf<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, leaf: Child, best: &mut Hit) -> bool
+where
+    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
+    T: Fn(&Packet, &Shear, f32) -> PacketHits,
+{
+    let mut is_better = false;
+    for packet in &target.tree.packets[leaf.packets()] {
+        let hits = (kernels.test)(packet, &probe.shear, best.t);
+        for lane in set_bits(hits.mask) {
+            if hits.t[lane] > best.t {
+                continue;
+            }
+            let hit = hits.hit(packet, lane);
+            if wins(&hit, best) && is_there(target.cutouts, packet.is_masked(lane), &hit) {
+                *best = hit;
+                is_better = true;
+            }
+        }
+    }
+    is_better
 }
 
 /// The nearest of the children whose bits are set, not none; the others go on the stack, the nearest on top.
@@ -202,14 +233,23 @@ fn descend(node: &Node, mut mask: u32, entry: &[f32; WIDTH], stack: &mut [Entry]
 }
 
 #[inline(always)]
-fn any<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, stack: &mut [Entry]) -> bool
+fn any<E, T>(
+    kernels: &Kernels<E, T>,
+    target: Target<'_>,
+    probe: &Probe,
+    guess: &mut Child,
+    stack: &mut [Entry],
+) -> bool
 where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
-    let Target { tree, cutouts } = target;
+    let tree = target.tree;
     if tree.nodes.is_empty() {
         return false;
+    }
+    if *guess != Child::NONE && leaf_blocks(kernels, target, probe, *guess) {
+        return true;
     }
     stack[0].child = Child::ROOT;
     let mut n = 1;
@@ -217,14 +257,9 @@ where
         n -= 1;
         let child = stack[n].child;
         if child.is_leaf() {
-            for packet in &tree.packets[child.packets()] {
-                let hits = (kernels.test)(packet, &probe.shear, probe.t_max);
-                for lane in set_bits(hits.mask) {
-                    let blocks = !packet.is_masked(lane) || is_there(cutouts, true, &hits.hit(packet, lane));
-                    if hits.t[lane] < probe.t_max && blocks {
-                        return true;
-                    }
-                }
+            if leaf_blocks(kernels, target, probe, child) {
+                *guess = child;
+                return true;
             }
             continue;
         }
@@ -236,6 +271,21 @@ where
         }
     }
     false
+}
+
+#[inline(always)]
+fn leaf_blocks<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, leaf: Child) -> bool
+where
+    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
+    T: Fn(&Packet, &Shear, f32) -> PacketHits,
+{
+    target.tree.packets[leaf.packets()].iter().any(|packet| {
+        let hits = (kernels.test)(packet, &probe.shear, probe.t_max);
+        set_bits(hits.mask).any(|lane| {
+            let blocks = || !packet.is_masked(lane) || is_there(target.cutouts, true, &hits.hit(packet, lane));
+            hits.t[lane] < probe.t_max && blocks()
+        })
+    })
 }
 
 /// The positions of the bits that are set, ascending.

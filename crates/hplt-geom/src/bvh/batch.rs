@@ -1,0 +1,103 @@
+//! The order in which the rays of a batch are traced. Rays of a gather share their origin: when neighbours in direction
+//! follow each other, they find the same nodes and triangles in the nearest cache, and what one meets is a good guess for the
+//! next one. Answers do not depend on the order.
+
+use glam::Vec3;
+
+use crate::Ray;
+
+/// Batches below this are traced in the order given.
+const FEW: usize = 16;
+/// Bits per axis of the grid of directions.
+const BITS: u32 = 4;
+const N_CELLS: usize = 1 << (2 * BITS);
+
+/// Indices of `rays`, neighbours in direction next to each other.
+pub(super) fn coherent_order(rays: &[Ray]) -> Vec<u32> {
+    let n = rays.len() as u32;
+    if rays.len() < FEW {
+        return (0..n).collect();
+    }
+    let mut ends = [0u32; N_CELLS];
+    let cells: Vec<u8> = rays.iter().map(|ray| cell(ray.direction)).collect();
+    for &cell in &cells {
+        ends[usize::from(cell)] += 1;
+    }
+    let mut end = 0;
+    for count in &mut ends {
+        end += std::mem::replace(count, end);
+    }
+    let mut order = vec![0; rays.len()];
+    for (i, &cell) in (0..n).zip(&cells) {
+        let at = &mut ends[usize::from(cell)];
+        order[*at as usize] = i;
+        *at += 1;
+    }
+    order
+}
+
+/// The place of a direction on a Hilbert curve over the octahedral map (Engelhardt & Dachsbacher, "Octahedron Environment
+/// Maps", VMV 2008); any cell for directions that are not finite.
+fn cell(direction: Vec3) -> u8 {
+    let d = direction / (direction.x.abs() + direction.y.abs() + direction.z.abs());
+    let (mut x, mut y) = (d.x, d.y);
+    if d.z < 0.0 {
+        (x, y) = ((1.0 - d.y.abs()).copysign(d.x), (1.0 - d.x.abs()).copysign(d.y));
+    }
+    let side = (1 << BITS) as f32;
+    // A cast from NaN gives 0.
+    let column = |x: f32| (((x + 1.0) * (0.5 * side)) as usize).min((1 << BITS) - 1);
+    HILBERT[(column(y) << BITS) | column(x)]
+}
+
+const HILBERT: [u8; N_CELLS] = hilbert();
+
+/// The position of every cell of the grid on the Hilbert curve.
+const fn hilbert() -> [u8; N_CELLS] {
+    let mut table = [0; N_CELLS];
+    let mut cell = 0;
+    while cell < N_CELLS {
+        let (mut x, mut y) = (cell & ((1 << BITS) - 1), cell >> BITS);
+        let mut position = 0;
+        let mut half = 1 << (BITS - 1);
+        while half > 0 {
+            let (right, up) = ((x & half != 0) as usize, (y & half != 0) as usize);
+            position += half * half * ((3 * right) ^ up);
+            if up == 0 {
+                if right == 1 {
+                    (x, y) = ((1 << BITS) - 1 - x, (1 << BITS) - 1 - y);
+                }
+                (x, y) = (y, x);
+            }
+            half /= 2;
+        }
+        table[cell] = position as u8;
+        cell += 1;
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_on_the_curve_are_neighbours_on_the_grid() {
+        let mut place = [(0i32, 0i32); N_CELLS];
+        for (cell, &position) in HILBERT.iter().enumerate() {
+            place[usize::from(position)] = ((cell % 16) as i32, (cell / 16) as i32);
+        }
+        assert!(place.windows(2).all(|w| (w[0].0 - w[1].0).abs() + (w[0].1 - w[1].1).abs() == 1));
+    }
+
+    #[test]
+    fn an_order_names_every_ray_once() {
+        let axes = [Vec3::X, Vec3::NEG_Z, Vec3::NAN, Vec3::ZERO, Vec3::new(1e30, -1e30, 3e38), Vec3::INFINITY];
+        let rays: Vec<Ray> = (0..100).map(|i| Ray::new(Vec3::ZERO, axes[i % axes.len()])).collect();
+        for n in [0, 1, 15, 16, 100] {
+            let mut order = coherent_order(&rays[..n]);
+            order.sort_unstable();
+            assert!(order.iter().copied().eq(0..n as u32));
+        }
+    }
+}
