@@ -1,4 +1,4 @@
-//! The watertight ray-triangle test of Woop, Benthin & Wald ("Watertight Ray/Triangle Intersection", JCGT 2013), four
+//! The watertight ray-triangle test of Woop, Benthin & Wald ("Watertight Ray/Triangle Intersection", JCGT 2013), eight
 //! triangles at a time.
 //!
 //! Corners are stored in a canonical order, so that two triangles with the same corners report bit-equal distances
@@ -12,7 +12,7 @@ use crate::{Hit, TriangleId};
 const ORDERS: [[u8; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]];
 const FIRST_MIRRORED: u32 = 3;
 
-/// Four triangles. Unused lanes are NaN, which no comparison accepts.
+/// Eight triangles. Unused lanes are NaN, which no comparison accepts.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(32))]
 pub(super) struct Packet {
@@ -22,8 +22,8 @@ pub(super) struct Packet {
 }
 
 impl Packet {
-    pub(super) const LANES: usize = 4;
-    pub(super) const EMPTY: Self = Self { corners: [[[f32::NAN; 4]; 3]; 3], meta: [0; 4] };
+    pub(super) const LANES: usize = 8;
+    pub(super) const EMPTY: Self = Self { corners: [[[f32::NAN; Self::LANES]; 3]; 3], meta: [0; Self::LANES] };
 
     const ID_BITS: u32 = 28;
     const ID_MASK: u32 = (1 << Self::ID_BITS) - 1;
@@ -98,13 +98,13 @@ impl Shear {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PacketHits {
     pub(super) mask: u32,
-    pub(super) t: [f32; 4],
+    pub(super) t: Lanes,
     /// Unnormalised barycentric weights in canonical order.
-    weights: [[f32; 4]; 3],
-    det: [f32; 4],
+    weights: [Lanes; 3],
+    det: Lanes,
 }
 
-type Lanes = [f32; 4];
+type Lanes = [f32; Packet::LANES];
 
 #[inline(always)]
 fn zip(a: Lanes, b: Lanes, f: impl Fn(f32, f32) -> f32) -> Lanes {
@@ -132,7 +132,7 @@ pub(super) fn test_packet(packet: &Packet, shear: &Shear, t_end: f32) -> PacketH
     let t = zip(t_scaled, det, |t, det| t / det + 0.0);
     let mut hits = PacketHits { mask: 0, t, weights: [u, v, w], det };
     let mut unsure = 0;
-    for i in 0..4 {
+    for i in 0..Packet::LANES {
         let inside = ((u[i] >= 0.0) & (v[i] >= 0.0) & (w[i] >= 0.0)) | ((u[i] <= 0.0) & (v[i] <= 0.0) & (w[i] <= 0.0));
         let on_edge = (u[i] == 0.0) | (v[i] == 0.0) | (w[i] == 0.0);
         let in_range = (t[i] >= 0.0) & (t[i] <= t_end) & (det[i] != 0.0);
@@ -145,45 +145,46 @@ pub(super) fn test_packet(packet: &Packet, shear: &Shear, t_end: f32) -> PacketH
     hits
 }
 
-/// [`test_packet`] in 128-bit AVX.
+/// [`test_packet`] in AVX.
 #[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "avx2")]
 pub(super) fn test_packet_avx2(packet: &Packet, shear: &Shear, t_end: f32) -> PacketHits {
     use std::arch::x86_64::{
-        __m128, _CMP_EQ_OQ, _CMP_GE_OQ, _CMP_LE_OQ, _CMP_NEQ_OQ, _mm_add_ps, _mm_and_ps, _mm_cmp_ps, _mm_div_ps,
-        _mm_max_ps, _mm_min_ps, _mm_movemask_ps, _mm_mul_ps, _mm_or_ps, _mm_set1_ps, _mm_setzero_ps, _mm_sub_ps,
+        __m256, _CMP_EQ_OQ, _CMP_GE_OQ, _CMP_LE_OQ, _CMP_NEQ_OQ, _mm256_add_ps, _mm256_and_ps, _mm256_cmp_ps, _mm256_div_ps,
+        _mm256_max_ps, _mm256_min_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_or_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_sub_ps,
     };
-    let zero = _mm_setzero_ps();
-    let origin = shear.origin.map(|x| _mm_set1_ps(x));
-    let scale = shear.scale.map(|x| _mm_set1_ps(x));
-    let sheared = |corner: &[Lanes; 3]| -> [__m128; 3] {
-        let local = |i: usize| _mm_sub_ps(bytemuck::cast(corner[shear.axes[i]]), origin[i]);
+    const NONE: Lanes = [0.0; Packet::LANES];
+    let zero = _mm256_setzero_ps();
+    let origin = shear.origin.map(|x| _mm256_set1_ps(x));
+    let scale = shear.scale.map(|x| _mm256_set1_ps(x));
+    let sheared = |corner: &[Lanes; 3]| -> [__m256; 3] {
+        let local = |i: usize| _mm256_sub_ps(bytemuck::cast(corner[shear.axes[i]]), origin[i]);
         let z = local(2);
-        let skew = |i: usize| _mm_sub_ps(local(i), _mm_mul_ps(scale[i], z));
-        [skew(0), skew(1), _mm_mul_ps(z, scale[2])]
+        let skew = |i: usize| _mm256_sub_ps(local(i), _mm256_mul_ps(scale[i], z));
+        [skew(0), skew(1), _mm256_mul_ps(z, scale[2])]
     };
-    let edge = |a: [__m128; 3], b: [__m128; 3]| _mm_sub_ps(_mm_mul_ps(a[0], b[1]), _mm_mul_ps(a[1], b[0]));
+    let edge = |a: [__m256; 3], b: [__m256; 3]| _mm256_sub_ps(_mm256_mul_ps(a[0], b[1]), _mm256_mul_ps(a[1], b[0]));
     let [a, b, c] = [sheared(&packet.corners[0]), sheared(&packet.corners[1]), sheared(&packet.corners[2])];
     let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-    let least = _mm_min_ps(_mm_min_ps(u, v), w);
-    let most = _mm_max_ps(_mm_max_ps(u, v), w);
-    let inside = _mm_or_ps(_mm_cmp_ps::<_CMP_GE_OQ>(least, zero), _mm_cmp_ps::<_CMP_LE_OQ>(most, zero));
-    let cast = |x: __m128| -> Lanes { bytemuck::cast(x) };
-    if _mm_movemask_ps(inside) == 0 {
-        return PacketHits { mask: 0, t: [0.0; 4], weights: [[0.0; 4]; 3], det: [0.0; 4] };
+    let least = _mm256_min_ps(_mm256_min_ps(u, v), w);
+    let most = _mm256_max_ps(_mm256_max_ps(u, v), w);
+    let inside = _mm256_or_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(least, zero), _mm256_cmp_ps::<_CMP_LE_OQ>(most, zero));
+    let cast = |x: __m256| -> Lanes { bytemuck::cast(x) };
+    if _mm256_movemask_ps(inside) == 0 {
+        return PacketHits { mask: 0, t: NONE, weights: [NONE; 3], det: NONE };
     }
-    let det = _mm_add_ps(_mm_add_ps(u, v), w);
-    let t_scaled = _mm_add_ps(_mm_add_ps(_mm_mul_ps(u, a[2]), _mm_mul_ps(v, b[2])), _mm_mul_ps(w, c[2]));
+    let det = _mm256_add_ps(_mm256_add_ps(u, v), w);
+    let t_scaled = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2])), _mm256_mul_ps(w, c[2]));
     // Adding zero turns -0 into 0.
-    let t = _mm_add_ps(_mm_div_ps(t_scaled, det), zero);
-    let in_range = _mm_and_ps(_mm_cmp_ps::<_CMP_GE_OQ>(t, zero), _mm_cmp_ps::<_CMP_LE_OQ>(t, _mm_set1_ps(t_end)));
-    let hit = _mm_and_ps(_mm_and_ps(inside, in_range), _mm_cmp_ps::<_CMP_NEQ_OQ>(det, zero));
-    let is_zero = |x: __m128| _mm_cmp_ps::<_CMP_EQ_OQ>(x, zero);
-    let on_edge = _mm_or_ps(_mm_or_ps(is_zero(u), is_zero(v)), is_zero(w));
-    let unsure = _mm_movemask_ps(_mm_and_ps(inside, on_edge)) as u32;
+    let t = _mm256_add_ps(_mm256_div_ps(t_scaled, det), zero);
+    let in_range = _mm256_and_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(t, zero), _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_end)));
+    let hit = _mm256_and_ps(_mm256_and_ps(inside, in_range), _mm256_cmp_ps::<_CMP_NEQ_OQ>(det, zero));
+    let is_zero = |x: __m256| _mm256_cmp_ps::<_CMP_EQ_OQ>(x, zero);
+    let on_edge = _mm256_or_ps(_mm256_or_ps(is_zero(u), is_zero(v)), is_zero(w));
+    let unsure = _mm256_movemask_ps(_mm256_and_ps(inside, on_edge)) as u32;
     let mut hits = PacketHits {
-        mask: _mm_movemask_ps(hit) as u32,
+        mask: _mm256_movemask_ps(hit) as u32,
         t: cast(t),
         weights: [cast(u), cast(v), cast(w)],
         det: cast(det),
@@ -207,7 +208,7 @@ fn sheared(corner: &[Lanes; 3], shear: &Shear) -> [Lanes; 3] {
 #[cold]
 #[inline(never)]
 fn settle(hits: &mut PacketHits, unsure: u32, corners: [[Lanes; 3]; 3], t_end: f32) {
-    for lane in (0..4).filter(|lane| unsure & (1 << lane) != 0) {
+    for lane in (0..Packet::LANES).filter(|lane| unsure & (1 << lane) != 0) {
         hits.mask &= !(1 << lane);
         let [a, b, c] = corners.map(|corner| corner.map(|x| f64::from(x[lane])));
         let edge = |p: [f64; 3], q: [f64; 3]| p[0] * q[1] - p[1] * q[0];
