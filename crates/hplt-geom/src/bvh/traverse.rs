@@ -137,16 +137,14 @@ where
     if tree.nodes.is_empty() {
         return Hit::MISS;
     }
-    if *guess != Child::NONE {
-        test_leaf(kernels, target, probe, *guess, &mut best);
-    }
-    let mut child = Child::ROOT;
-    let mut n = 0;
+    let (mut child, mut n) = begin(*guess, stack);
+    let (seed, mut tested) = (*guess, Child::NONE);
     loop {
         if child.is_leaf() {
-            if child != *guess && test_leaf(kernels, target, probe, child, &mut best) {
+            if child != tested && test_leaf(kernels, target, probe, child, &mut best) {
                 *guess = child;
             }
+            tested = seed;
         } else {
             let node = &tree.nodes[child.node_index()];
             let (mask, entry) = (kernels.enter)(node, probe, best.t * WIDEN);
@@ -168,6 +166,13 @@ where
             }
         }
     }
+}
+
+/// What to visit first, and how many entries are on the stack then.
+#[inline(always)]
+fn begin(guess: Child, stack: &mut [Entry]) -> (Child, usize) {
+    stack[0] = Entry { t: 0.0, child: Child::ROOT };
+    if guess == Child::NONE { (Child::ROOT, 0) } else { (guess, 1) }
 }
 
 /// Whether a leaf has a hit that is better than `best`, which becomes it.
@@ -248,29 +253,27 @@ where
     if tree.nodes.is_empty() {
         return false;
     }
-    if *guess != Child::NONE && leaf_blocks(kernels, target, probe, *guess) {
-        return true;
-    }
-    stack[0].child = Child::ROOT;
-    let mut n = 1;
-    while n > 0 {
-        n -= 1;
-        let child = stack[n].child;
+    let (mut child, mut n) = begin(*guess, stack);
+    loop {
         if child.is_leaf() {
             if leaf_blocks(kernels, target, probe, child) {
                 *guess = child;
                 return true;
             }
-            continue;
+        } else {
+            let node = &tree.nodes[child.node_index()];
+            let (mask, entry) = (kernels.enter)(node, probe, probe.t_max * WIDEN);
+            if mask != 0 {
+                child = descend(node, mask, &entry, stack, &mut n);
+                continue;
+            }
         }
-        let node = &tree.nodes[child.node_index()];
-        let (mask, _) = (kernels.enter)(node, probe, probe.t_max * WIDEN);
-        for lane in set_bits(mask) {
-            stack[n].child = node.children[lane];
-            n += 1;
+        if n == 0 {
+            return false;
         }
+        n -= 1;
+        child = stack[n].child;
     }
-    false
 }
 
 #[inline(always)]
