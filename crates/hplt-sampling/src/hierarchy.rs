@@ -9,7 +9,7 @@ use crate::poisson::Level;
 use crate::random::Stage;
 use crate::report::{HierarchyReport, Warning};
 use crate::surface::SideSampler;
-use crate::visibility::slab_of;
+use crate::visibility::extent_of;
 use crate::{Error, Regions};
 
 /// Fresh points that measure the coverage.
@@ -128,7 +128,8 @@ fn throw_all(
             let mut level = cells[cells.len() - 1 - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             for batch in &batches {
                 progress.check()?;
-                level.throw(candidates, batch, |point| slab_of(caster, point));
+                let support = 2.0 * level.radius();
+                level.throw(candidates, batch, |point| extent_of(caster, point, support));
             }
             level.settle();
             progress.advance(STAGE, i as u64 + 1, cells.len() as u64);
