@@ -105,7 +105,9 @@ fn lengths(blocks: &Blocks, a: &[DVec3], b: &[DVec3]) -> Lanes {
 
 /// `a / b`, 0 where `b` is rounding beside `length`.
 fn quotients(a: &Lanes, b: &Lanes, length: &Lanes) -> Lanes {
-    (0..a.len()).map(|c| ratio(a[c], map2(b[c], length[c], |b, l| if b.abs() > BREAKDOWN * l { b } else { 0.0 }))).collect()
+    (0..a.len())
+        .map(|c| ratio(a[c], map2(b[c], length[c], |b, l| if b.abs() > BREAKDOWN * l { b } else { 0.0 })))
+        .collect()
 }
 
 fn negative(a: &Lanes) -> Lanes {

@@ -89,8 +89,7 @@ impl Gain {
             }
         }
         let updated = Self::new(blocks, std::mem::take(&mut self.u), std::mem::take(&mut self.v));
-        let (max_row_sum, min_row_sum) =
-            (std::mem::take(&mut self.max_row_sum), std::mem::take(&mut self.min_row_sum));
+        let (max_row_sum, min_row_sum) = (std::mem::take(&mut self.max_row_sum), std::mem::take(&mut self.min_row_sum));
         *self = Self { max_row_sum, min_row_sum, sweeps: sweeps + 2, ..updated };
         Ok(())
     }

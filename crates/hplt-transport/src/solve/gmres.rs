@@ -109,9 +109,8 @@ impl Space {
             }
         }
         let hypotenuse = |c: usize| map2(column[j][c], column[j + 1][c], f64::hypot);
-        let cos: Lanes = (0..n)
-            .map(|c| map2(column[j][c], hypotenuse(c), |a, h| if h > 0.0 { a / h } else { 1.0 }))
-            .collect();
+        let cos: Lanes =
+            (0..n).map(|c| map2(column[j][c], hypotenuse(c), |a, h| if h > 0.0 { a / h } else { 1.0 })).collect();
         let sin: Lanes = (0..n).map(|c| ratio(column[j + 1][c], hypotenuse(c))).collect();
         let diagonal: Lanes = (0..n).map(hypotenuse).collect();
         column[j] = diagonal;

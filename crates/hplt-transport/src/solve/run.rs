@@ -2,7 +2,9 @@ use hplt_geom::glam::DVec3;
 use hplt_geom::{Progress, Rgb};
 
 use super::blocks::{Blocks, Lanes, map2, ratio};
-use super::{ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, bicgstab, gauss_seidel, gmres, southwell};
+use super::{
+    ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, bicgstab, gauss_seidel, gmres, southwell,
+};
 use crate::{Error, LinearOperator};
 
 /// Half a unit in the last place of the `f32` that is returned.
