@@ -144,10 +144,9 @@ impl Prepared {
 
     /// Indirect irradiance at points by a final gather.
     pub fn gather(&self, solved: &Solved, points: &[OrientedPoint], n_rays: u32) -> Vec<FinalGather> {
-        let total = solved.direct.plus(&solved.indirect);
-        let sender = Sender { coefficients: &total, reconstruction: &ApproximateNearest, n_levels: usize::MAX };
+        let sender = Sender { coefficients: &solved.indirect, reconstruction: &ApproximateNearest, n_levels: usize::MAX };
         let light = DirectLight::new(&self.scene, DirectOptions::one_sample());
-        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, contact_light: Some(&light) };
+        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, light: &light, contact: 1.0 };
         final_gather(&self.model(), &sender, points, options, &NoProgress).expect("nothing interrupts")
     }
 }

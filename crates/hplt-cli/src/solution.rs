@@ -37,6 +37,8 @@ pub fn to_file(run: &Run<'_>, lit: &Lit<'_>) -> SolutionFile {
         push(format!("level{l}.area"), SectionData::F32(points.iter().map(|p| p.area).collect()));
         let extents = points.iter().flat_map(|p| extent_to_floats(&p.extent));
         push(format!("level{l}.extent"), SectionData::F32(extents.collect()));
+        let flags = level.is_refined.iter().map(|&r| u32::from(r));
+        push(format!("level{l}.refined"), SectionData::U32(flags.collect()));
         push(format!("level{l}.region"), SectionData::U32(points.iter().map(|p| p.region.0).collect()));
         push(format!("level{l}.direct"), SectionData::F32(flat(direct.iter().copied())));
         push(format!("level{l}.indirect"), SectionData::F32(flat(indirect.iter().copied())));
@@ -145,8 +147,10 @@ fn read_level(
         [floats("position")?, floats("normal")?, floats("direct")?, floats("indirect")?];
     let region = file.integers(&format!("level{l}.region"))?;
     let n = region.len();
+    let is_refined: Vec<bool> = file.integers(&format!("level{l}.refined"))?.iter().map(|&r| r != 0).collect();
     let vectors_fit = [position, normal, direct, indirect].iter().all(|v| v.len() == 3 * n);
-    let fits = radius.len() == 1 && area.len() == n && extent.len() == EXTENT_FLOATS * n && vectors_fit;
+    let flags_fit = is_refined.is_empty() || is_refined.len() == n;
+    let fits = flags_fit && radius.len() == 1 && area.len() == n && extent.len() == EXTENT_FLOATS * n && vectors_fit;
     if !fits {
         return Err(refuse(format!("level {l}: sections of different lengths; expected {n} points in each")));
     }
@@ -175,7 +179,7 @@ fn read_level(
         area: area[i],
         extent: extents[i],
     });
-    let level = PointLevel { poisson_radius: radius[0], points: points.collect() };
+    let level = PointLevel { is_refined, ..PointLevel::new(radius[0], points.collect()) };
     Ok((level, vectors(direct), vectors(indirect)))
 }
 

@@ -117,6 +117,20 @@ pub struct PointLevel {
     pub poisson_radius: f32,
     /// The points, in a spatially coherent order.
     pub points: Vec<OrientedPoint>,
+    /// Whether the next finer level covers the surroundings of each point; empty when it covers everything.
+    pub is_refined: Vec<bool>,
+}
+
+impl PointLevel {
+    /// A level whose every point the next finer level, if any, covers.
+    pub const fn new(poisson_radius: f32, points: Vec<OrientedPoint>) -> Self {
+        Self { poisson_radius, points, is_refined: Vec::new() }
+    }
+
+    /// Whether the next finer level covers the surroundings of point `i`.
+    pub fn is_refined(&self, i: u32) -> bool {
+        self.is_refined.get(i as usize).copied().unwrap_or(true)
+    }
 }
 
 /// Levels of points over the reachable surface, coarsest first, radii halving from level to level.

@@ -172,7 +172,7 @@ fn finish(levels: Vec<Level>, candidates: &Candidates<'_>, plan: &LevelPlan) -> 
         keys.iter().map(|&(_, i)| points[i as usize]).collect::<Vec<_>>()
     };
     let together = levels.into_iter().zip(&areas).zip(&plan.radii);
-    together.map(|((level, areas), &r)| PointLevel { poisson_radius: r, points: in_order(level, areas) }).collect()
+    together.map(|((level, areas), &r)| PointLevel::new(r, in_order(level, areas))).collect()
 }
 
 /// For each point of a level the number of uniform candidates that it is the nearest of; all candidates, or on coarse
