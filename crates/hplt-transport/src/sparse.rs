@@ -6,30 +6,48 @@ use crate::LinearOperator;
 /// A square sparse matrix in compressed rows, with one weight per channel and one sparsity for all.
 ///
 /// A transport row holds (function, albedo-weighted share): the fraction of that function's irradiance that arrives.
+///
+/// An entry takes 8 bytes: the distance to the column before it and, per channel, a 16-bit multiple of a scale that the row
+/// has. A weight is off by at most 1/131,070 of the largest of its row and channel, black stays black, and scales are chosen
+/// such that row sums are exact: an albedo of 0.9999 is not blurred.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseRows {
     n_columns: u32,
     starts: Vec<u64>,
     entries: Vec<Entry>,
+    scales: Vec<DVec3>,
     row_sums: Vec<DVec3>,
 }
 
+/// A step to the right, and a weight there in units of the scale of its row. A gap that 16 bits cannot hold is several
+/// entries, all but the last one without weight.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Entry {
-    column: u32,
-    weight: [f32; 3],
+pub(crate) struct Entry {
+    step: u16,
+    weight: [u16; 3],
+}
+
+impl Entry {
+    fn weight(self) -> DVec3 {
+        let [r, g, b] = self.weight;
+        DVec3::new(f64::from(r), f64::from(g), f64::from(b))
+    }
 }
 
 impl SparseRows {
     /// A matrix of `n` columns without rows yet; it is an operator once it has `n` rows.
+    ///
+    /// # Panics
+    /// When `n` does not fit in 32 bits.
     pub fn new(n: usize) -> Self {
         let n_columns = u32::try_from(n).expect("at most 2^32 - 1 unknowns");
-        Self { n_columns, starts: vec![0], entries: Vec::new(), row_sums: Vec::new() }
+        Self { n_columns, starts: vec![0], entries: Vec::new(), scales: Vec::new(), row_sums: Vec::new() }
     }
 
     /// Makes room for `n_rows` rows of `n_entries` entries in all.
     pub fn reserve(&mut self, n_rows: usize, n_entries: usize) {
         self.starts.reserve(n_rows);
+        self.scales.reserve(n_rows);
         self.row_sums.reserve(n_rows);
         self.entries.reserve(n_entries);
     }
@@ -39,15 +57,29 @@ impl SparseRows {
     /// # Panics
     /// When they are not.
     pub fn push_row(&mut self, row: &[(u32, Rgb)]) {
-        let mut sum = DVec3::ZERO;
+        const STEPS: f64 = u16::MAX as f64;
+        let (mut sum, mut max) = (DVec3::ZERO, DVec3::ZERO);
         for (k, &(column, weight)) in row.iter().enumerate() {
             assert!(column < self.n_columns, "column {column} of {}", self.n_columns);
             assert!(k == 0 || row[k - 1].0 < column, "columns ascend, each once");
             assert!(weight.is_finite() && weight.min_element() >= 0.0, "weight {weight}: finite, not negative");
-            self.entries.push(Entry { column, weight: weight.to_array() });
             sum += weight.as_dvec3();
+            max = max.max(weight.as_dvec3());
+        }
+        let per_weight = max.map(|max| if max > 0.0 { STEPS / max } else { 0.0 });
+        let (mut stored, mut last) = (DVec3::ZERO, 0);
+        for &(column, weight) in row {
+            while column - last > u32::from(u16::MAX) {
+                self.entries.push(Entry { step: u16::MAX, weight: [0; 3] });
+                last += u32::from(u16::MAX);
+            }
+            let weight = (weight.as_dvec3() * per_weight).round().to_array().map(|w| w as u16);
+            let entry = Entry { step: (column - last) as u16, weight };
+            (stored, last) = (stored + entry.weight(), column);
+            self.entries.push(entry);
         }
         self.starts.push(self.entries.len() as u64);
+        self.scales.push(DVec3::select(stored.cmpgt(DVec3::ZERO), sum / stored, DVec3::ZERO));
         self.row_sums.push(sum);
     }
 
@@ -56,16 +88,19 @@ impl SparseRows {
         self.row_sums.len()
     }
 
-    /// How many entries there are.
+    /// How many entries are stored.
     pub fn n_entries(&self) -> usize {
         self.entries.len()
     }
 
     /// Bytes held.
     pub fn memory(&self) -> usize {
-        self.entries.len() * size_of::<Entry>()
-            + self.starts.len() * size_of::<u64>()
-            + self.row_sums.len() * size_of::<DVec3>()
+        Self::memory_of(self.n_rows(), self.entries.len())
+    }
+
+    /// Bytes that `n_rows` rows of `n_entries` entries in all will take.
+    pub fn memory_of(n_rows: usize, n_entries: usize) -> usize {
+        n_entries * size_of::<Entry>() + n_rows * (size_of::<u64>() + 2 * size_of::<DVec3>()) + size_of::<u64>()
     }
 
     /// The sum of the weights of a row.
@@ -73,29 +108,30 @@ impl SparseRows {
         self.row_sums[row].as_vec3()
     }
 
-    /// The entries of a row: column and weight, columns ascending.
-    pub fn row(&self, row: usize) -> impl ExactSizeIterator<Item = (u32, Rgb)> + '_ {
-        self.entries_of(row).iter().map(|e| (e.column, Rgb::from_array(e.weight)))
+    /// The entries of a row: column and weight as stored, columns ascending.
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (u32, DVec3)> + '_ {
+        let scale = self.scales[row];
+        self.multiples(row).map(move |(column, weight)| (column, scale * weight))
+    }
+
+    /// What multiplies the [`multiples`](Self::multiples) of a row.
+    pub(crate) fn scale(&self, row: usize) -> DVec3 {
+        self.scales[row]
+    }
+
+    /// The entries of a row in units of its scale.
+    pub(crate) fn multiples(&self, row: usize) -> impl Iterator<Item = (u32, DVec3)> + '_ {
+        let entries = &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize];
+        entries.iter().scan(0, |column, entry| {
+            *column += u32::from(entry.step);
+            Some((*column, entry.weight()))
+        })
     }
 
     /// `Σ_j G_ij x_j` of row `i`.
     pub(crate) fn row_times(&self, row: usize, x: &[DVec3]) -> DVec3 {
-        let mut sum = DVec3::ZERO;
-        for entry in self.entries_of(row) {
-            sum += Rgb::from_array(entry.weight).as_dvec3() * x[entry.column as usize];
-        }
-        sum
-    }
-
-    /// The weight of an unknown on itself.
-    pub(crate) fn diagonal(&self, row: usize) -> DVec3 {
-        let entries = self.entries_of(row);
-        let own = entries.binary_search_by_key(&(row as u32), |e| e.column);
-        own.map_or(DVec3::ZERO, |k| Rgb::from_array(entries[k].weight).as_dvec3())
-    }
-
-    fn entries_of(&self, row: usize) -> &[Entry] {
-        &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize]
+        let sum = self.multiples(row).fold(DVec3::ZERO, |sum, (column, weight)| sum + weight * x[column as usize]);
+        self.scales[row] * sum
     }
 }
 
@@ -131,10 +167,36 @@ mod tests {
         g.push_row(&[(0, Rgb::splat(0.125)), (2, Rgb::splat(0.5))]);
         let mut out = [DVec3::ONE; 3];
         g.apply(&[DVec3::splat(8.0), DVec3::splat(4.0), DVec3::splat(2.0)], &mut out);
-        assert_eq!(out, [DVec3::new(2.0, 1.0, 0.0), DVec3::ZERO, DVec3::splat(2.0)]);
+        assert_eq!(out[..2], [DVec3::new(2.0, 1.0, 0.0), DVec3::ZERO]);
+        assert!((out[2] - 2.0).abs().max_element() < 1e-5, "{}", out[2]);
         assert_eq!(g.row_sum(2), Rgb::splat(0.625));
-        assert_eq!(g.n_entries(), 3);
-        assert_eq!(g.row(2).collect::<Vec<_>>(), [(0, Rgb::splat(0.125)), (2, Rgb::splat(0.5))]);
+        assert_eq!((g.n_entries(), g.row(2).map(|(j, _)| j).collect::<Vec<_>>()), (3, vec![0, 2]));
+    }
+
+    #[test]
+    fn weights_are_kept_to_16_bits_of_the_largest_and_row_sums_exactly() {
+        let mut g = SparseRows::new(2000);
+        let row: Vec<(u32, Rgb)> =
+            (0..1000).map(|i| (2 * i, Rgb::new(1e-3, 1e-9, 0.0) * (1 + i * i % 97) as f32)).collect();
+        g.push_row(&row);
+        let mut sum = DVec3::ZERO;
+        for ((column, weight), (expected_column, expected)) in g.row(0).zip(&row) {
+            assert_eq!(column, *expected_column);
+            let error = (weight - expected.as_dvec3()).abs() / DVec3::new(97e-3, 97e-9, 1.0);
+            assert!(error.max_element() <= 1.001 * 0.5 / 65535.0, "{error}");
+            sum += expected.as_dvec3();
+        }
+        let stored: DVec3 = g.row(0).map(|(_, weight)| weight).sum();
+        assert!((stored / sum - 1.0).abs().truncate().max_element() < 1e-13 && stored.z == 0.0);
+    }
+
+    #[test]
+    fn gaps_of_any_width_are_bridged() {
+        let mut g = SparseRows::new(1_000_000);
+        let columns = [0, 65_535, 131_071, 200_000, 999_999];
+        g.push_row(&columns.map(|j| (j, Rgb::ONE)));
+        let kept: Vec<u32> = g.row(0).filter(|(_, w)| *w != DVec3::ZERO).map(|(j, _)| j).collect();
+        assert_eq!(kept, columns);
     }
 
     #[test]

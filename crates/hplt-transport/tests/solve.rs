@@ -62,7 +62,7 @@ fn eliminate(g: &SparseRows, d: &[Rgb], channel: usize) -> Vec<f64> {
     let mut a = vec![vec![0.0f64; n + 1]; n];
     for i in 0..n {
         a[i][i] = 1.0;
-        g.row(i).for_each(|(j, w)| a[i][j as usize] -= f64::from(w[channel]));
+        g.row(i).for_each(|(j, w)| a[i][j as usize] -= w[channel]);
         a[i][n] = f64::from(d[i][channel]);
     }
     for k in 0..n {

@@ -20,7 +20,7 @@ pub(crate) fn advance(problem: &Problem<'_>, x: &mut [DVec3], run: &mut Run<'_>)
     let mut best = (f64::INFINITY, run.sweeps);
     iterate(problem.g, problem.blocks, x, &mut r, run, |x, r, run| {
         run.history.push(problem.relative_residual(r));
-        let bound = problem.relative(x, &problem.gain.error(problem.blocks, r)).largest();
+        let bound = problem.relative(x, &problem.gain.error(r)).largest();
         if bound < 0.5 * best.0 {
             best = (bound, run.sweeps);
         }

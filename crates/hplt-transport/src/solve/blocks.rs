@@ -4,6 +4,7 @@ use super::Unknowns;
 
 /// The unknowns by component: one lane of scalars per component and channel, so that every component is solved as if it
 /// were alone while all share each product.
+#[derive(Debug, Clone)]
 pub(crate) struct Blocks {
     component: Vec<u32>,
     n_components: usize,

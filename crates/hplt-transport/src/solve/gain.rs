@@ -1,5 +1,5 @@
 use hplt_geom::glam::DVec3;
-use hplt_geom::{Interrupted, Progress, Rgb};
+use hplt_geom::{Progress, Rgb};
 
 use super::blocks::{Blocks, Lanes, map2, ratio};
 use super::{Unknowns, bicgstab};
@@ -16,13 +16,22 @@ use crate::{Error, LinearOperator};
 /// It depends on the operator alone: build it once, use it for every light.
 #[derive(Debug, Clone)]
 pub struct Gain {
-    u: Vec<DVec3>,
-    v: Vec<DVec3>,
-    max_u: Lanes,
-    norm: Lanes,
+    blocks: Blocks,
+    barrier: Barrier,
     min_row_sum: Lanes,
     max_row_sum: Lanes,
     sweeps: usize,
+}
+
+/// `u`, `v = u - G u`, and what follows from them.
+#[derive(Debug, Clone)]
+struct Barrier {
+    u: Vec<DVec3>,
+    v: Vec<DVec3>,
+    max_u: Lanes,
+    max_gu: Lanes,
+    /// `max u · max 1/v`, infinite unless both are positive everywhere in the lane.
+    norm: Lanes,
 }
 
 /// Row sums from here on count as 1.
@@ -33,64 +42,52 @@ impl Gain {
     ///
     /// # Errors
     /// When interrupted.
+    ///
+    /// # Panics
+    /// When lengths differ, or an entry of `g` joins two components.
     pub fn build(g: &dyn LinearOperator, unknowns: &Unknowns<'_>, progress: &dyn Progress) -> Result<Self, Error> {
         progress.check()?;
-        Ok(Self::of_blocks(g, &Blocks::new(unknowns), progress)?)
-    }
-
-    fn of_blocks(g: &dyn LinearOperator, blocks: &Blocks, progress: &dyn Progress) -> Result<Self, Interrupted> {
+        assert_eq!(unknowns.components.len(), g.len(), "one component per unknown");
+        let blocks = Blocks::new(unknowns);
+        if let Some(rows) = g.rows() {
+            let is_within =
+                |i: usize| rows.multiples(i).all(|(j, w)| w == DVec3::ZERO || blocks.of(i) == blocks.of(j as usize));
+            assert!((0..rows.n_rows()).all(is_within), "light does not pass between components");
+        }
         let sums = g.row_sums();
-        let max_row_sum = blocks.fold(DVec3::ZERO, |max, i| max.max(sums[i]));
-        let min_row_sum = blocks.fold(DVec3::INFINITY, |min, i| min.min(sums[i]));
-        let mean_row_sum = blocks.mean(&sums);
-        let u = vec![DVec3::ONE; blocks.len()];
-        let v = slack(&u, &sums, g.rounding());
-        let mut gain = Self::new(blocks, u, v);
-        (gain.max_row_sum, gain.min_row_sum) = (max_row_sum, min_row_sum);
-        // Worth another look where the worst row is much worse than the mean one, unless nothing can help.
-        let is_loose = (0..blocks.n_components()).any(|c| {
-            (0..3).any(|k| {
-                let (max, min) = (gain.max_row_sum[c][k], gain.min_row_sum[c][k]);
-                min < WHITE && (max >= 1.0 || (1.0 - mean_row_sum[c][k]) > 2.0 * (1.0 - max))
-            })
-        });
-        if is_loose {
-            gain.tighten(g, blocks, progress)?;
+        let barrier = Barrier::new(&blocks, vec![DVec3::ONE; blocks.len()], &sums, g.rounding());
+        let mut gain = Self {
+            max_row_sum: blocks.fold(DVec3::ZERO, |max, i| max.max(sums[i])),
+            min_row_sum: blocks.fold(DVec3::INFINITY, |min, i| min.min(sums[i])),
+            barrier,
+            sweeps: 0,
+            blocks,
+        };
+        if gain.is_loose(&gain.blocks.mean(&sums)) {
+            gain.tighten(g, progress)?;
         }
         Ok(gain)
     }
 
-    fn new(blocks: &Blocks, u: Vec<DVec3>, v: Vec<DVec3>) -> Self {
-        let max_u = blocks.fold(DVec3::ZERO, |max, i| max.max(u[i]));
-        let largest = blocks.fold(DVec3::ZERO, |max, i| {
-            // 1/v, infinite unless both are positive.
-            max.max(map2(u[i], v[i], |u, v| if u > 0.0 && v > 0.0 { 1.0 / v } else { f64::INFINITY }))
-        });
-        let norm = max_u.iter().zip(&largest).map(|(&u, &w)| map2(u, w, |u, w| if u > 0.0 { u * w } else { 0.0 }));
-        let none = vec![DVec3::ZERO; blocks.n_components()];
-        Self { norm: norm.collect(), u, v, max_u, min_row_sum: none.clone(), max_row_sum: none, sweeps: 0 }
+    /// Whether the worst row is so much worse than the mean one that a second look may pay, and something can help.
+    fn is_loose(&self, mean_row_sum: &Lanes) -> bool {
+        let is_loose = |c: usize, k: usize| {
+            let (max, min) = (self.max_row_sum[c][k], self.min_row_sum[c][k]);
+            min < WHITE && (max >= 1.0 || (1.0 - mean_row_sum[c][k]) > 2.0 * (1.0 - max))
+        };
+        (0..self.blocks.n_components()).any(|c| (0..3).any(|k| is_loose(c, k)))
     }
 
-    /// Replaces `u` where an approximate solution of `u = 1 + G u` bounds better.
-    fn tighten(&mut self, g: &dyn LinearOperator, blocks: &Blocks, progress: &dyn Progress) -> Result<(), Interrupted> {
-        let (mut u, sweeps) = bicgstab::solve_ones(g, blocks, progress)?;
+    /// Takes an approximate solution of `u = 1 + G u` in the lanes where it bounds better.
+    fn tighten(&mut self, g: &dyn LinearOperator, progress: &dyn Progress) -> Result<(), Error> {
+        let (mut u, sweeps) = bicgstab::solve_ones(g, &self.blocks, progress)?;
         let mut gu = vec![DVec3::ZERO; u.len()];
-        // One sweep more: it keeps u positive where Krylov noise did not, and costs nothing but its product.
+        // One sweep more keeps u positive where Krylov noise did not.
         g.apply(&u, &mut gu);
         u.iter_mut().zip(&gu).for_each(|(u, gu)| *u = DVec3::ONE + *gu);
         g.apply(&u, &mut gu);
-        let v = slack(&u, &gu, g.rounding());
-        let better = Self::new(blocks, u, v);
-        for i in 0..blocks.len() {
-            for k in 0..3 {
-                if better.norm[blocks.of(i)][k] < self.norm[blocks.of(i)][k] {
-                    (self.u[i][k], self.v[i][k]) = (better.u[i][k], better.v[i][k]);
-                }
-            }
-        }
-        let updated = Self::new(blocks, std::mem::take(&mut self.u), std::mem::take(&mut self.v));
-        let (max_row_sum, min_row_sum) = (std::mem::take(&mut self.max_row_sum), std::mem::take(&mut self.min_row_sum));
-        *self = Self { max_row_sum, min_row_sum, sweeps: sweeps + 2, ..updated };
+        self.barrier.improve(&self.blocks, &Barrier::new(&self.blocks, u, &gu, g.rounding()));
+        self.sweeps = sweeps + 2;
         Ok(())
     }
 
@@ -101,7 +98,7 @@ impl Gain {
 
     /// Bound on `‖(I - G)⁻¹‖∞` in a component: how much a uniform light can grow.
     pub fn norm(&self, component: usize) -> Rgb {
-        self.norm[component].as_vec3()
+        self.barrier.norm[component].as_vec3()
     }
 
     /// Largest row sum of a component.
@@ -115,43 +112,75 @@ impl Gain {
         min.is_finite() && min >= WHITE
     }
 
-    /// Bound on the error of an `x` whose residual is `r`.
-    pub(crate) fn error(&self, blocks: &Blocks, r: &[DVec3]) -> Lanes {
-        self.largest(blocks, |i| r[i], &self.max_u)
+    /// The unknowns by component.
+    pub(crate) fn blocks(&self) -> &Blocks {
+        &self.blocks
     }
 
-    /// Bound on the error of `d + G x`, `r` being the residual of `x`: `|G(x - f)| <= t G u = t (u - v)`.
-    pub(crate) fn error_after_sweep(&self, blocks: &Blocks, r: &[DVec3]) -> Lanes {
-        let max_gu = blocks.fold(DVec3::ZERO, |max, i| max.max(self.u[i] - self.v[i]));
-        self.largest(blocks, |i| r[i], &max_gu)
+    /// Bound on the error of an `x` whose residual is `r`.
+    pub(crate) fn error(&self, r: &[DVec3]) -> Lanes {
+        self.largest(|i| r[i], &self.barrier.max_u)
+    }
+
+    /// Bound on the error of `d + G x`, `r` being the residual of `x`: `|G(x - f)| <= t G u`.
+    pub(crate) fn error_after_sweep(&self, r: &[DVec3]) -> Lanes {
+        self.largest(|i| r[i], &self.barrier.max_gu)
     }
 
     /// Bound on the error of an `x` to which a sweep of Gauss-Seidel added `step`: the residual is at most
-    /// `G|step| <= s G u = s (u - v)`, `s` being the largest `|step|/u`.
-    pub(crate) fn error_after_step(&self, blocks: &Blocks, step: &[DVec3]) -> Lanes {
-        let s = blocks.fold(DVec3::ZERO, |max, i| max.max(ratio(step[i].abs(), self.u[i])));
-        self.largest(blocks, |i| s[blocks.of(i)] * (self.u[i] - self.v[i]), &self.max_u)
+    /// `G|step| <= s G u`, `s` being the largest `|step|/u`.
+    pub(crate) fn error_after_step(&self, step: &[DVec3]) -> Lanes {
+        let (blocks, u, v) = (&self.blocks, &self.barrier.u, &self.barrier.v);
+        let s = blocks.fold(DVec3::ZERO, |max, i| max.max(ratio(step[i].abs(), u[i])));
+        self.largest(|i| s[blocks.of(i)] * (u[i] - v[i]), &self.barrier.max_u)
     }
 
     /// `t·scale` with the least `t` for which `|r| <= t v`, in each lane; infinite where light remains and there is no gain.
-    fn largest(&self, blocks: &Blocks, r: impl Fn(usize) -> DVec3, scale: &Lanes) -> Lanes {
+    fn largest(&self, r: impl Fn(usize) -> DVec3, scale: &Lanes) -> Lanes {
         let per_slack = |r: f64, v: f64| match r {
             0.0 => 0.0,
             _ if v > 0.0 => r / v,
             _ => f64::INFINITY,
         };
-        let t = blocks.fold(DVec3::ZERO, |max, i| max.max(map2(r(i).abs(), self.v[i], per_slack)));
-        let bound = |c: usize| {
-            let is_bounded = map2(self.norm[c], t[c], |norm, t| if norm.is_finite() || t == 0.0 { 1.0 } else { 0.0 });
-            map2(map2(t[c], scale[c], |t, u| if t == 0.0 { 0.0 } else { t * u }), is_bounded, |e, is_bounded| {
-                if is_bounded == 1.0 { e } else { f64::INFINITY }
-            })
+        let t = self.blocks.fold(DVec3::ZERO, |max, i| max.max(map2(r(i).abs(), self.barrier.v[i], per_slack)));
+        let bound = |t: f64, scale: f64, norm: f64| match t {
+            0.0 => 0.0,
+            _ if norm.is_finite() => t * scale,
+            _ => f64::INFINITY,
         };
-        (0..blocks.n_components()).map(bound).collect()
+        let lane = |c: usize| {
+            let (t, scale, norm) = (t[c], scale[c], self.barrier.norm[c]);
+            DVec3::new(bound(t.x, scale.x, norm.x), bound(t.y, scale.y, norm.y), bound(t.z, scale.z, norm.z))
+        };
+        (0..self.blocks.n_components()).map(lane).collect()
     }
 }
 
-/// `u - G u` less what rounding may have added.
-fn slack(u: &[DVec3], gu: &[DVec3], rounding: f64) -> Vec<DVec3> {
-    u.iter().zip(gu).map(|(&u, &gu)| u - gu - rounding * (u.abs() + gu.abs())).collect()
+impl Barrier {
+    fn new(blocks: &Blocks, u: Vec<DVec3>, gu: &[DVec3], rounding: f64) -> Self {
+        // Less what rounding may have added.
+        let v = u.iter().zip(gu).map(|(&u, &gu)| u - gu - rounding * (u.abs() + gu.abs())).collect();
+        Self::of(blocks, u, v)
+    }
+
+    fn of(blocks: &Blocks, u: Vec<DVec3>, v: Vec<DVec3>) -> Self {
+        let max_u = blocks.fold(DVec3::ZERO, |max, i| max.max(u[i]));
+        let max_gu = blocks.fold(DVec3::ZERO, |max, i| max.max(u[i] - v[i]));
+        let inverse = |u: f64, v: f64| if u > 0.0 && v > 0.0 { 1.0 / v } else { f64::INFINITY };
+        let steepest = blocks.fold(DVec3::ZERO, |max, i| max.max(map2(u[i], v[i], inverse)));
+        let product = |u: f64, w: f64| if w.is_finite() { u * w } else { f64::INFINITY };
+        let norm = max_u.iter().zip(&steepest).map(|(&u, &w)| map2(u, w, product)).collect();
+        Self { u, v, max_u, max_gu, norm }
+    }
+
+    /// Takes over the lanes in which `other` has the smaller norm.
+    fn improve(&mut self, blocks: &Blocks, other: &Self) {
+        let (mut u, mut v) = (std::mem::take(&mut self.u), std::mem::take(&mut self.v));
+        for i in 0..blocks.len() {
+            let is_better = other.norm[blocks.of(i)].cmplt(self.norm[blocks.of(i)]);
+            u[i] = DVec3::select(is_better, other.u[i], u[i]);
+            v[i] = DVec3::select(is_better, other.v[i], v[i]);
+        }
+        *self = Self::of(blocks, u, v);
+    }
 }

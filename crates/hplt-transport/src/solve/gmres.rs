@@ -32,7 +32,6 @@ fn cycle(
     r: &[DVec3],
     run: &mut Run<'_>,
 ) -> (f64, Result<(), Halt>) {
-    let blocks = problem.blocks;
     let mut space = Space::new(problem, r);
     let mut w = vec![DVec3::ZERO; x.len()];
     let mut bound = f64::INFINITY;
@@ -47,7 +46,7 @@ fn cycle(
         run.history.push(problem.relative_residual(&residual));
         let mut candidate = x.to_vec();
         space.add_solution(problem, &mut candidate);
-        bound = problem.relative(&candidate, &problem.gain.error(blocks, &residual)).largest();
+        bound = problem.relative(&candidate, &problem.gain.error(&residual)).largest();
         if bound <= problem.tolerance {
             break;
         }
@@ -125,12 +124,13 @@ impl Space {
     /// The coordinates of the solution in the space, by back substitution.
     fn coordinates(&self) -> Vec<Lanes> {
         let (m, n) = (self.triangle.len(), self.length.len());
-        let mut y = vec![vec![DVec3::ZERO; n]; m];
+        let mut y = vec![Lanes::new(); m];
         for i in (0..m).rev() {
-            for c in 0..n {
+            let solved = |c: usize| {
                 let known: DVec3 = (i + 1..m).map(|j| self.triangle[j][i][c] * y[j][c]).sum();
-                y[i][c] = ratio(self.rhs[i][c] - known, self.triangle[i][i][c]);
-            }
+                ratio(self.rhs[i][c] - known, self.triangle[i][i][c])
+            };
+            y[i] = (0..n).map(solved).collect();
         }
         y
     }

@@ -16,7 +16,6 @@ pub use gain::Gain;
 pub use report::{ComponentReport, SolveReport, SolveStop};
 
 use crate::{Error, LinearOperator};
-use blocks::Blocks;
 use run::Problem;
 
 /// What the solver knows of the unknowns, by flat index.
@@ -125,36 +124,30 @@ pub fn solve_many(
     progress: &dyn Progress,
 ) -> Result<Vec<(Vec<Rgb>, SolveReport)>, Error> {
     let gain = Gain::build(g, unknowns, progress)?;
-    d.iter().map(|d| solve_with_gain(g, &gain, d, unknowns, options, progress)).collect()
+    d.iter().map(|d| solve_with_gain(g, &gain, d, options, progress)).collect()
 }
 
-/// As [`solve`], with the gain of the operator from before.
+/// As [`solve`], with the gain of the operator (and its components) from before: changed lights need no other preparation.
 ///
 /// # Errors
 /// As [`solve`].
 ///
 /// # Panics
-/// As [`solve`].
+/// When lengths differ.
 pub fn solve_with_gain(
     g: &dyn LinearOperator,
     gain: &Gain,
     d: &[Rgb],
-    unknowns: &Unknowns<'_>,
     options: &SolveOptions,
     progress: &dyn Progress,
 ) -> Result<(Vec<Rgb>, SolveReport), Error> {
     options.check()?;
-    assert!(d.len() == g.len() && unknowns.components.len() == g.len(), "one value and one component per unknown");
+    assert!(d.len() == g.len() && gain.blocks().len() == g.len(), "one value per unknown");
     if let Some(function) = d.iter().position(|d| !d.is_finite()) {
         return Err(Error::NotFinite { bounce: 0, level: 0, function });
     }
-    let blocks = Blocks::new(unknowns);
-    if let Some(rows) = g.rows() {
-        let is_within = |i: usize| rows.row(i).all(|(j, _)| blocks.of(i) == blocks.of(j as usize));
-        assert!((0..rows.n_rows()).all(is_within), "light does not pass between components");
-    }
     let d: Vec<DVec3> = d.iter().map(|d| d.as_dvec3()).collect();
-    let problem = Problem::new(g, gain, &blocks, &d, f64::from(options.tolerance));
+    let problem = Problem::new(g, gain, &d, f64::from(options.tolerance));
     problem.check_finite_solution()?;
     let (x, report) = run::run(&problem, options, progress);
     match x.iter().position(|x| !x.is_finite()) {

@@ -32,7 +32,8 @@ pub(crate) struct Bounds {
 }
 
 impl<'a> Problem<'a> {
-    pub fn new(g: &'a dyn LinearOperator, gain: &'a Gain, blocks: &'a Blocks, d: &'a [DVec3], tolerance: f64) -> Self {
+    pub fn new(g: &'a dyn LinearOperator, gain: &'a Gain, d: &'a [DVec3], tolerance: f64) -> Self {
+        let blocks = gain.blocks();
         let (max_d, mean_d) = (blocks.max_abs(d), blocks.mean(d));
         let is_positive = d.iter().all(|d| d.min_element() >= 0.0);
         Self { g, gain, blocks, d, tolerance, max_d, mean_d, is_positive }
@@ -217,7 +218,7 @@ fn check(problem: &Problem<'_>, x: &[DVec3], run: &mut Run<'_>) -> Option<Checke
         r[i] = computed[i].abs() + rounding * (gx.abs() + x[i].abs() + problem.d[i].abs());
     }
     run.history.push(problem.relative_residual(&computed));
-    let bounds = problem.relative(&y, &problem.gain.error_after_sweep(problem.blocks, &r));
+    let bounds = problem.relative(&y, &problem.gain.error_after_sweep(&r));
     let (bound, is_rounding) = (bounds.largest(), bounds.is_rounding(problem.tolerance));
     Some(Checked { x: y, residual: problem.blocks.max_abs(&computed), bounds, bound, is_rounding })
 }

@@ -22,7 +22,7 @@ pub(crate) fn advance(
     let importance = |i: usize, r: DVec3| (r.abs() * per_light[problem.blocks.of(i)]).max_element();
     let (n_entries, mut n_read) = (rows.n_entries().max(1), 0);
     loop {
-        if problem.is_good(x, &problem.gain.error(problem.blocks, &r)) {
+        if problem.is_good(x, &problem.gain.error(&r)) {
             return Ok(());
         }
         let largest = r.iter().enumerate().map(|(i, &r)| importance(i, r)).fold(0.0, f64::max);
@@ -35,8 +35,9 @@ pub(crate) fn advance(
             }
             let shot = std::mem::take(&mut r[i]);
             x[i] += shot;
-            for (receiver, weight) in columns.column(i) {
-                r[*receiver as usize] += DVec3::from(weight.map(f64::from)) * shot;
+            for &(receiver, weight) in columns.column(i) {
+                let weight = rows.scale(receiver as usize) * DVec3::from(weight.map(f64::from));
+                r[receiver as usize] += weight * shot;
             }
             n_read += columns.column(i).len();
             while n_read >= n_entries {
@@ -51,7 +52,7 @@ pub(crate) fn advance(
 /// The matrix by columns: who receives from an unknown.
 struct Columns {
     starts: Vec<usize>,
-    entries: Vec<(u32, [f32; 3])>,
+    entries: Vec<(u32, [u16; 3])>,
 }
 
 impl Columns {
@@ -59,22 +60,22 @@ impl Columns {
         let n = rows.n_rows();
         let mut starts = vec![0; n + 1];
         for i in 0..n {
-            rows.row(i).for_each(|(j, _)| starts[j as usize + 1] += 1);
+            rows.multiples(i).for_each(|(j, _)| starts[j as usize + 1] += 1);
         }
         for j in 0..n {
             starts[j + 1] += starts[j];
         }
-        let (mut next, mut entries) = (starts.clone(), vec![(0, [0.0; 3]); rows.n_entries()]);
+        let (mut next, mut entries) = (starts.clone(), vec![(0, [0; 3]); rows.n_entries()]);
         for i in 0..n {
-            for (j, weight) in rows.row(i) {
-                entries[next[j as usize]] = (i as u32, weight.to_array());
+            for (j, weight) in rows.multiples(i) {
+                entries[next[j as usize]] = (i as u32, weight.to_array().map(|w| w as u16));
                 next[j as usize] += 1;
             }
         }
         Self { starts, entries }
     }
 
-    fn column(&self, j: usize) -> &[(u32, [f32; 3])] {
+    fn column(&self, j: usize) -> &[(u32, [u16; 3])] {
         &self.entries[self.starts[j]..self.starts[j + 1]]
     }
 }
