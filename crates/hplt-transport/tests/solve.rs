@@ -1,7 +1,9 @@
 //! Solvers of `f = d + G f` against direct elimination and closed forms.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use hplt_geom::glam::DVec3;
-use hplt_geom::{NoProgress, Rgb};
+use hplt_geom::{NoProgress, Progress, Rgb};
 use hplt_transport::{
     Error, Gain, LinearOperator, Method, SolveOptions, SolveReport, SolveStop, SparseRows, Unknowns, solve, solve_many,
 };
@@ -368,7 +370,73 @@ fn the_tolerance_that_f32_cannot_hold_ends_in_rounding() {
     for method in METHODS {
         let (x, report) = run(&g, &d, method, 0.0);
         assert_eq!(report.stop, SolveStop::Rounding, "{method:?} {report:?}");
+        assert!(report.sweeps < 300, "{method:?}: {} sweeps", report.sweeps);
         assert!(report.bound < 1e-6 && error(&x, &truth(&g, &d), &[0; 60], &report).1, "{method:?}");
+    }
+}
+
+#[test]
+fn a_method_that_stands_still_hands_over_and_says_so() {
+    let n = 100;
+    let mut g = SparseRows::new(n);
+    // Light goes round in a circle: restarted Krylov spaces are far too small for it.
+    for i in 0..n {
+        g.push_row(&[(((i + n - 1) % n) as u32, Rgb::splat(0.999))]);
+    }
+    let mut d = vec![Rgb::ZERO; n];
+    d[0] = Rgb::ONE;
+    let (x, report) = run(&g, &d, Method::Gmres { restart: 3 }, 1e-3);
+    let (error, is_bounded) = error(&x, &truth(&g, &d), &vec![0; n], &report);
+    assert!(report.fell_back_after.is_some_and(|n| n > 0 && n < report.sweeps), "{report:?}");
+    assert!(report.is_converged() && is_bounded && error <= 1e-3, "{error:e} {report:?}");
+}
+
+#[test]
+fn running_out_of_sweeps_leaves_a_bound_that_holds() {
+    let mut random = Random(67);
+    let n = 80;
+    let g = random_rows(n, n, 8, &mut random, |_| DVec3::splat(0.99));
+    let d = random_light(n, &mut random);
+    let truth = truth(&g, &d);
+    let (components, areas) = one_room(n);
+    let unknowns = Unknowns { components: &components, n_components: 1, areas: &areas };
+    for method in METHODS {
+        for max_sweeps in 1..12 {
+            let options = SolveOptions { method, tolerance: 1e-6, max_sweeps };
+            let (x, report) = solve(&g, &d, &unknowns, &options, &NoProgress).unwrap();
+            assert_eq!((report.stop, report.sweeps), (SolveStop::MaxSweeps, max_sweeps), "{method:?}");
+            let (error, is_bounded) = error(&x, &truth, &components, &report);
+            assert!(is_bounded, "{method:?} after {max_sweeps}: {error:e}, told {:e}", report.bound);
+        }
+    }
+}
+
+/// Cancels after a number of sweeps.
+struct Patience(u64, AtomicU64);
+
+impl Progress for Patience {
+    fn advance(&self, _stage: &'static str, done: u64, _total: u64) {
+        self.1.store(done, Ordering::Relaxed);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.1.load(Ordering::Relaxed) >= self.0
+    }
+}
+
+#[test]
+fn an_interrupted_solve_keeps_what_it_has() {
+    let mut random = Random(71);
+    let g = random_rows(50, 50, 8, &mut random, |_| DVec3::splat(0.99));
+    let d = random_light(50, &mut random);
+    let (components, areas) = one_room(50);
+    let unknowns = Unknowns { components: &components, n_components: 1, areas: &areas };
+    for method in METHODS {
+        let progress = Patience(5, AtomicU64::new(0));
+        let (x, report) = solve(&g, &d, &unknowns, &options(method, 1e-6), &progress).unwrap();
+        assert_eq!(report.stop, SolveStop::Interrupted, "{method:?}");
+        assert!((5..=6).contains(&report.sweeps), "{method:?}: {}", report.sweeps);
+        assert!(error(&x, &truth(&g, &d), &components, &report).1, "{method:?}");
     }
 }
 

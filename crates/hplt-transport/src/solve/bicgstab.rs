@@ -20,11 +20,12 @@ pub(crate) fn advance(problem: &Problem<'_>, x: &mut [DVec3], run: &mut Run<'_>)
     let mut best = (f64::INFINITY, run.sweeps);
     iterate(problem.g, problem.blocks, x, &mut r, run, |x, r, run| {
         run.history.push(problem.relative_residual(r));
-        let bound = problem.relative(x, &problem.gain.error(r)).largest();
+        let bounds = problem.relative(x, &problem.gain.error(r));
+        let bound = bounds.largest();
         if bound < 0.5 * best.0 {
             best = (bound, run.sweeps);
         }
-        bound <= problem.tolerance || run.sweeps - best.1 >= PATIENCE
+        problem.is_enough(&bounds) || run.sweeps - best.1 >= PATIENCE
     })
 }
 

@@ -14,31 +14,32 @@ pub(crate) fn advance(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], ru
         run.product(problem.g, x, &mut r)?;
         r.iter_mut().zip(problem.d).for_each(|(r, d)| *r = *d - *r);
         run.history.push(problem.relative_residual(&r));
-        let (bound, halt) = cycle(problem, restart, x, &r, run);
-        n_idle = if bound < 0.5 * best { 0 } else { n_idle + 1 };
-        best = best.min(bound);
-        halt?;
-        if best <= problem.tolerance || n_idle >= PATIENCE {
+        let end = cycle(problem, restart, x, &r, run);
+        n_idle = if end.bound < 0.5 * best { 0 } else { n_idle + 1 };
+        best = best.min(end.bound);
+        end.halt?;
+        if end.is_good || n_idle >= PATIENCE {
             return Ok(());
         }
     }
 }
 
-/// One cycle from `x` with residual `r`; the bound that its running residual gives, and why it ended early.
-fn cycle(
-    problem: &Problem<'_>,
-    restart: usize,
-    x: &mut [DVec3],
-    r: &[DVec3],
-    run: &mut Run<'_>,
-) -> (f64, Result<(), Halt>) {
+/// How a cycle ended.
+struct End {
+    /// What its running residual says, relative to the mean.
+    bound: f64,
+    is_good: bool,
+    halt: Result<(), Halt>,
+}
+
+/// One cycle from `x` with residual `r`.
+fn cycle(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], r: &[DVec3], run: &mut Run<'_>) -> End {
     let mut space = Space::new(problem, r);
     let mut w = vec![DVec3::ZERO; x.len()];
-    let mut bound = f64::INFINITY;
-    let mut halt = Ok(());
+    let mut end = End { bound: f64::INFINITY, is_good: false, halt: Ok(()) };
     for step in 0..restart {
-        halt = run.product(problem.g, &space.basis[step], &mut w);
-        if halt.is_err() {
+        end.halt = run.product(problem.g, &space.basis[step], &mut w);
+        if end.halt.is_err() {
             break;
         }
         space.grow(problem, &w);
@@ -46,13 +47,14 @@ fn cycle(
         run.history.push(problem.relative_residual(&residual));
         let mut candidate = x.to_vec();
         space.add_solution(problem, &mut candidate);
-        bound = problem.relative(&candidate, &problem.gain.error(&residual)).largest();
-        if bound <= problem.tolerance {
+        let bounds = problem.relative(&candidate, &problem.gain.error(&residual));
+        (end.bound, end.is_good) = (bounds.largest(), problem.is_enough(&bounds));
+        if end.is_good {
             break;
         }
     }
     space.add_solution(problem, x);
-    (bound, halt)
+    end
 }
 
 /// The Krylov space, with one small least-squares problem per component and channel: `A V_j = V_{j+1} H_j`.

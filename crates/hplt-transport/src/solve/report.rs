@@ -11,7 +11,7 @@ pub enum SolveStop {
     MaxSweeps,
     /// What is left is rounding: the tolerance is finer than the numbers.
     Rounding,
-    /// The caller interrupted.
+    /// The caller interrupted; one sweep more told how good the solution was by then.
     Interrupted,
     /// Nothing is lit; the solution is zero.
     NoLight,

@@ -74,9 +74,14 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Whether `x` is good enough if its absolute error is at most `error`.
+    /// Whether nothing more is to be had: the error is within the tolerance, or as small as the numbers are fine.
+    pub fn is_enough(&self, bounds: &Bounds) -> bool {
+        bounds.largest() <= self.tolerance || bounds.is_rounding(self.tolerance)
+    }
+
+    /// The same for an `x` whose absolute error is at most `error`.
     pub fn is_good(&self, x: &[DVec3], error: &Lanes) -> bool {
-        self.relative(x, error).largest() <= self.tolerance
+        self.is_enough(&self.relative(x, error))
     }
 
     /// The largest residual, relative to the largest direct irradiance of its lane.
@@ -124,14 +129,14 @@ impl<'a> Run<'a> {
         if self.sweeps + 1 >= self.max_sweeps {
             return Err(Halt::OutOfSweeps);
         }
-        self.count()
+        self.progress.check().map_err(|_| Halt::Interrupted)?;
+        self.count();
+        Ok(())
     }
 
-    fn count(&mut self) -> Result<(), Halt> {
-        self.progress.check().map_err(|_| Halt::Interrupted)?;
+    fn count(&mut self) {
         self.sweeps += 1;
         self.progress.advance("solve", self.sweeps as u64, 0);
-        Ok(())
     }
 
     /// `out = x - G x`, one sweep.
@@ -152,34 +157,43 @@ pub(crate) fn run(problem: &Problem<'_>, options: &SolveOptions, progress: &dyn 
     }
     let (mut method, mut fell_back_after) = (options.method, None);
     let mut checked: Option<Checked> = None;
-    let stop = loop {
-        let halt = advance(method, problem, &mut x, &mut run).err();
-        let Some(now) = check(problem, &x, &mut run) else { break SolveStop::Interrupted };
+    let (best, stop) = loop {
+        let halt = match progress.check() {
+            Ok(()) => advance(method, problem, &mut x, &mut run).err(),
+            Err(_) => Some(Halt::Interrupted),
+        };
+        let now = check(problem, &x, &mut run);
         let stood_still = checked.as_ref().is_some_and(|before| now.bound > 0.5 * before.bound);
-        let is_worse = checked.as_ref().is_some_and(|before| now.bound > before.bound);
-        if !is_worse || checked.is_none() {
-            checked = Some(now);
-        }
-        let best = checked.as_ref().expect("just set");
-        x.clone_from(&best.x);
-        if best.bound <= problem.tolerance {
-            break SolveStop::Converged;
-        }
-        if best.is_rounding {
-            break SolveStop::Rounding;
-        }
-        if halt == Some(Halt::Interrupted) {
-            break SolveStop::Interrupted;
-        }
-        if run.sweeps >= run.max_sweeps {
-            break SolveStop::MaxSweeps;
+        x.clone_from(&now.x);
+        let best = match checked.take() {
+            Some(before) if before.bound < now.bound => before,
+            _ => now,
+        };
+        if let Some(stop) = stop_of(problem, &best, halt, &run) {
+            break (best, stop);
         }
         if stood_still && !matches!(method, Method::Bounces) && fell_back_after.is_none() {
             fell_back_after = Some(run.sweeps);
+            x.clone_from(&best.x);
             method = if problem.g.rows().is_some() { Method::GaussSeidel } else { Method::Bounces };
         }
+        checked = Some(best);
     };
-    finish(problem, options.method, fell_back_after, stop, checked, run)
+    finish(problem, options.method, fell_back_after, stop, best, run)
+}
+
+fn stop_of(problem: &Problem<'_>, best: &Checked, halt: Option<Halt>, run: &Run<'_>) -> Option<SolveStop> {
+    if best.bound <= problem.tolerance {
+        Some(SolveStop::Converged)
+    } else if best.is_rounding {
+        Some(SolveStop::Rounding)
+    } else if halt == Some(Halt::Interrupted) {
+        Some(SolveStop::Interrupted)
+    } else if run.sweeps >= run.max_sweeps {
+        Some(SolveStop::MaxSweeps)
+    } else {
+        None
+    }
 }
 
 fn advance(method: Method, problem: &Problem<'_>, x: &mut [DVec3], run: &mut Run<'_>) -> Result<(), Halt> {
@@ -202,9 +216,9 @@ struct Checked {
     is_rounding: bool,
 }
 
-/// One sweep: the true residual of `x`, and `d + G x`, which is better than `x`. None when interrupted.
-fn check(problem: &Problem<'_>, x: &[DVec3], run: &mut Run<'_>) -> Option<Checked> {
-    run.count().ok()?;
+/// One sweep: the true residual of `x`, and `d + G x`, which is better than `x`.
+fn check(problem: &Problem<'_>, x: &[DVec3], run: &mut Run<'_>) -> Checked {
+    run.count();
     let mut y = vec![DVec3::ZERO; x.len()];
     problem.g.apply(x, &mut y);
     let mut r = vec![DVec3::ZERO; x.len()];
@@ -220,7 +234,7 @@ fn check(problem: &Problem<'_>, x: &[DVec3], run: &mut Run<'_>) -> Option<Checke
     run.history.push(problem.relative_residual(&computed));
     let bounds = problem.relative(&y, &problem.gain.error_after_sweep(&r));
     let (bound, is_rounding) = (bounds.largest(), bounds.is_rounding(problem.tolerance));
-    Some(Checked { x: y, residual: problem.blocks.max_abs(&computed), bounds, bound, is_rounding })
+    Checked { x: y, residual: problem.blocks.max_abs(&computed), bounds, bound, is_rounding }
 }
 
 fn finish(
@@ -228,16 +242,11 @@ fn finish(
     method: Method,
     fell_back_after: Option<usize>,
     stop: SolveStop,
-    checked: Option<Checked>,
+    checked: Checked,
     run: Run<'_>,
 ) -> (Vec<Rgb>, SolveReport) {
     let mut report = empty_report(problem, method, stop);
     (report.fell_back_after, report.sweeps, report.residual_history) = (fell_back_after, run.sweeps, run.history);
-    let Some(checked) = checked else {
-        // Interrupted before the first check: direct light, and no promise.
-        report.bound = f32::INFINITY;
-        return (problem.d.iter().map(|d| d.as_vec3()).collect(), report);
-    };
     let mean = problem.blocks.mean(&checked.x);
     for (c, component) in report.components.iter_mut().enumerate() {
         component.residual = checked.residual[c].as_vec3();
