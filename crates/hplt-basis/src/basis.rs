@@ -1,6 +1,7 @@
 use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, parallel};
 use hplt_kdtree::KdTree;
 
+use crate::finest::FinestIndex;
 use crate::kernel::distance_squared;
 use crate::{Kernel, Parents, smoothstep};
 
@@ -65,14 +66,19 @@ pub struct ShepardBasis {
     trees: Vec<KdTree>,
     parents: Vec<Parents>,
     options: BasisOptions,
+    /// Where some levels are not everywhere.
+    finest: Option<FinestIndex>,
 }
 
 impl ShepardBasis {
     /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
     pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
         let trees = hierarchy.levels.iter().map(tree_of).collect();
-        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options };
+        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, finest: None };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
+        if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
+            basis.finest = Some(FinestIndex::build(&basis));
+        }
         basis
     }
 
@@ -172,6 +178,12 @@ impl ShepardBasis {
         near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
     }
 
+    /// Level and index of the nearest function that nothing finer stands in for, by an index over all of them; outer `None`
+    /// when there is no such index.
+    pub(crate) fn finest_nearest(&self, query: &OrientedPoint) -> Option<Option<(usize, u32)>> {
+        self.finest.as_ref().map(|index| index.nearest(query, self.support(0)))
+    }
+
     /// The index of function `i` of `level` among those of all levels, coarsest first.
     pub fn flat_index(&self, level: usize, i: u32) -> u32 {
         self.hierarchy.levels[..level].iter().map(|l| l.points.len() as u32).sum::<u32>() + i
@@ -185,6 +197,7 @@ impl ShepardBasis {
         self.trees.push(tree_of(&level));
         self.hierarchy.levels.push(level);
         self.parents.push(self.find_parents(finest + 1));
+        self.finest = Some(FinestIndex::build(self));
     }
 
     /// Takes away all levels but the `n_levels` coarsest.
@@ -195,13 +208,15 @@ impl ShepardBasis {
         if let Some(finest) = self.hierarchy.levels.last_mut() {
             finest.is_refined = vec![false; finest.points.len()];
         }
+        self.finest = Some(FinestIndex::build(self));
     }
 
     /// Bytes that trees, parents and points take.
     pub fn memory(&self) -> usize {
         let trees: usize = self.trees.iter().map(KdTree::memory).sum();
         let parents: usize = self.parents.iter().map(Parents::memory).sum();
-        self.hierarchy.memory() + trees + parents
+        let finest = self.finest.as_ref().map_or(0, FinestIndex::memory);
+        self.hierarchy.memory() + trees + parents + finest
     }
 
     fn find_parents(&self, level: usize) -> Parents {

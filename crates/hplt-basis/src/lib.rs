@@ -26,6 +26,7 @@ struct ReadmeExample;
 mod basis;
 mod coefficients;
 mod coverage;
+mod finest;
 mod kernel;
 mod layered;
 mod parents;

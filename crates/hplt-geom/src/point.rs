@@ -53,7 +53,7 @@ impl Extent {
 
     #[inline]
     fn is_in_sight(&self, offset: Vec3, normal: Vec3) -> bool {
-        if self.inverse_depths == [0.0; N_SECTORS] {
+        if self.inverse_depths.iter().fold(0.0, |largest: f32, d| largest.max(*d)) == 0.0 {
             return true;
         }
         let (tangent, bitangent) = normal.any_orthonormal_pair();
@@ -103,6 +103,7 @@ impl OrientedPoint {
     }
 
     /// Whether `other` is in the same region, on the same side and within the extent of this point.
+    #[inline]
     pub fn is_continued_at(&self, other: &Self) -> bool {
         self.region == other.region
             && self.normal.dot(other.normal) > 0.0

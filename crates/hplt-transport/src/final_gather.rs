@@ -1,3 +1,4 @@
+use glam::Vec2;
 use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, offset_origin, parallel};
 use hplt_sampling::random::{Stage, Stream, unit_f32};
 use hplt_sampling::warp;
@@ -67,6 +68,7 @@ struct Buffers {
     /// Where paths are now: arrival, ray of the receiver, product of the albedos so far.
     at: Vec<OrientedPoint>,
     ray: Vec<u32>,
+    samples: Vec<Vec2>,
     throughput: Vec<Rgb>,
     distance: Vec<f32>,
     rays: Vec<Ray>,
@@ -101,8 +103,7 @@ impl<E> Gathering<'_, E> {
             if buffers.at.is_empty() {
                 break;
             }
-            let segment_scramble = if segment == 1 { scramble } else { scramble.wrapping_add(segment * 0x9E37_79B9) };
-            self.add_direct(segment_scramble, buffers, &mut groups);
+            self.add_direct(id, segment, buffers, &mut groups);
             self.read_or_go_on(id, segment, buffers);
         }
         buffers.scratch.read_queries(self.model, self.sender, &mut groups);
@@ -132,9 +133,18 @@ impl<E> Gathering<'_, E> {
         }
     }
 
-    fn add_direct(&self, scramble: u32, buffers: &mut Buffers, groups: &mut Groups) {
-        let Buffers { events, direct, at, ray, throughput, .. } = buffers;
-        self.options.light.irradiance_once(self.model.caster, at, ray, scramble, events, direct);
+    fn add_direct(&self, id: u32, segment: u32, buffers: &mut Buffers, groups: &mut Groups) {
+        let Buffers { scratch, events, direct, at, ray, samples, throughput, .. } = buffers;
+        let stream = Stream::new(self.options.seed, self.options.stage);
+        samples.clear();
+        samples.extend(ray.iter().map(|&k| match segment {
+            1 => scratch.second[k as usize],
+            _ => {
+                let [_, _, c, d] = stream.words(id, k, segment - 1);
+                Vec2::new(unit_f32(c), unit_f32(d))
+            }
+        }));
+        self.options.light.irradiance_once(self.model.caster, at, samples, events, direct);
         for ((direct, throughput), &k) in direct.iter().zip(throughput.iter()).zip(ray.iter()) {
             groups.add(k, *throughput * *direct);
         }
@@ -152,7 +162,7 @@ impl<E> Gathering<'_, E> {
                 continue;
             }
             let [a, b, ..] = stream.words(id, ray[i], segment);
-            let direction = warp::cosine_hemisphere(glam::Vec2::new(unit_f32(a), unit_f32(b)), at[i].normal);
+            let direction = warp::cosine_hemisphere(Vec2::new(unit_f32(a), unit_f32(b)), at[i].normal);
             rays.push(Ray::new(offset_origin(at[i].position, at[i].normal), direction));
             going_on.push((ray[i], throughput[i]));
         }

@@ -1,4 +1,4 @@
-use glam::DVec3;
+use glam::{DVec3, Vec2};
 use hplt_basis::{
     Absolute, BasisOptions, Coefficients, Coverage, Layered, LayeredScratch, Reconstruction, ShepardBasis, Weight,
 };
@@ -214,7 +214,8 @@ struct Row {
 struct LinkScratch {
     trace: Scratch,
     queries: Vec<OrientedPoint>,
-    samples: Vec<u32>,
+    samples: Vec<Vec2>,
+    ray: Vec<u32>,
     albedos: Vec<Rgb>,
     direct: Vec<Rgb>,
     events: NextEvents,
@@ -281,8 +282,22 @@ impl Linker<'_> {
                 mean: means[points[i].region.0 as usize],
             })
         };
-        let refined: Vec<bool> = (0..points.len()).map(is_refined).collect();
-        refined.contains(&true).then_some(refined)
+        let chosen: Vec<u32> = (0..points.len() as u32).filter(|&i| is_refined(i as usize)).collect();
+        (!chosen.is_empty()).then(|| self.with_neighbours(level, &chosen))
+    }
+
+    /// Flags for the `chosen` functions of `level` and for those whose supports hold the centre of one: what is wrong at a
+    /// point is wrong with all that say something there.
+    fn with_neighbours(&self, level: usize, chosen: &[u32]) -> Vec<bool> {
+        let points = self.basis.points(level);
+        let mut flags = vec![false; points.len()];
+        let mut weights = Vec::new();
+        for &i in chosen {
+            flags[i as usize] = true;
+            self.basis.raw_weights(level, &points[i as usize], &mut weights);
+            weights.iter().for_each(|w| flags[w.function as usize] = true);
+        }
+        flags
     }
 
     fn add_level(&mut self, refined: Vec<bool>) -> Result<(), Error> {
@@ -334,6 +349,7 @@ impl Linker<'_> {
         scratch.trace.trace(&model, receiver, scramble, n_rays);
         scratch.queries.clear();
         scratch.samples.clear();
+        scratch.ray.clear();
         scratch.albedos.clear();
         let mut escaped = 0;
         for (k, hit) in scratch.trace.hits.iter().enumerate() {
@@ -345,12 +361,13 @@ impl Linker<'_> {
             let albedo = self.scene.albedo(&surface);
             if albedo != Rgb::ZERO {
                 scratch.queries.push(arrival(&surface, receiver.region));
-                scratch.samples.push(k as u32);
+                scratch.samples.push(scratch.trace.second[k]);
+                scratch.ray.push(k as u32);
                 scratch.albedos.push(albedo);
             }
         }
         let LinkScratch { queries, samples, events, direct, .. } = scratch;
-        self.light.irradiance_once(self.caster, queries, samples, scramble, events, direct);
+        self.light.irradiance_once(self.caster, queries, samples, events, direct);
         let mut groups = Groups::new(n_rays);
         let mut first_bounce = DVec3::ZERO;
         let mut coverage = Coverage::default();
@@ -366,7 +383,7 @@ impl Linker<'_> {
                 let known = self.state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
                 indirect += known * w.weight;
             }
-            groups.add(scratch.samples[k], direct + albedo * indirect);
+            groups.add(scratch.ray[k], direct + albedo * indirect);
         }
         Row {
             links: merged(&mut scratch.links),

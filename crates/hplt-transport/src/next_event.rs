@@ -3,16 +3,10 @@
 use glam::Vec2;
 use hplt_geom::radiometry::{irradiance_from_uniform_radiance, luminance};
 use hplt_geom::{Hit, LightShape, OrientedPoint, Ray, RayCaster, Rgb, offset_origin};
-use hplt_sampling::{sobol, warp};
+use hplt_sampling::warp;
 
 use crate::DirectLight;
 use crate::emitters::Emitter;
-
-/// Dimensions of a receiver's samples, after the two that its directions use.
-const CHOICE: u32 = 1;
-const ON_EMITTER: u32 = 2;
-const SKY: u32 = 3;
-const SUN: u32 = 4;
 
 /// Least cosine in the estimate of what an emitter brings, which only guides the choice of one.
 const LEAST_COSINE: f32 = 0.05;
@@ -41,13 +35,12 @@ impl NextEvents {
 impl DirectLight<'_> {
     /// Replaces `out` by unbiased estimates of the irradiance that arrives straight from lights at each of `points`, W/m².
     ///
-    /// `samples` are the numbers of the points within the stratified sequence of `scramble`: the rays that found them.
+    /// `samples` in `[0, 1)²`, one per point, choose the light; stratify them over the points.
     pub(crate) fn irradiance_once(
         &self,
         caster: &dyn RayCaster,
         points: &[OrientedPoint],
-        samples: &[u32],
-        scramble: u32,
+        samples: &[Vec2],
         events: &mut NextEvents,
         out: &mut Vec<Rgb>,
     ) {
@@ -57,15 +50,15 @@ impl DirectLight<'_> {
         events.brings.clear();
         events.of_point.clear();
         if self.is_by_hemisphere() {
-            self.look_around(caster, points, samples, scramble, events, out);
+            self.look_around(caster, points, samples, events, out);
         }
         for (i, (point, &sample)) in points.iter().zip(samples).enumerate() {
-            let origin = offset_origin(point.position, point.normal);
+let origin = offset_origin(point.position, point.normal);
             if !self.is_by_hemisphere() {
-                self.towards_emitter((i, point), origin, (sample, scramble), events);
-                self.towards_sky((i, point), origin, (sample, scramble), events);
+                self.towards_emitter((i, point), origin, sample, events);
+                self.towards_sky((i, point), origin, sample, events);
             }
-            self.towards_lights((i, point), origin, (sample, scramble), events);
+            self.towards_lights((i, point), origin, sample, events);
         }
         events.occluded.clear();
         events.occluded.resize(events.rays.len(), false);
@@ -82,22 +75,18 @@ impl DirectLight<'_> {
         &self,
         (i, point): (usize, &OrientedPoint),
         origin: glam::Vec3,
-        (sample, scramble): (u32, u32),
+        sample: Vec2,
         events: &mut NextEvents,
     ) {
         if self.emitters.all.is_empty() {
             return;
         }
-        let choice = sobol::sobol_2d(sample, scramble, CHOICE).x;
-        let Some((emitter, probability)) = (if self.emitters.is_many() {
-            let (emitter, probability, _) = self.emitters.choose(choice);
-            Some((emitter, probability))
-        } else {
-            choose_guided(&self.emitters.all, point, choice, &mut events.guides)
-        }) else {
-            return;
+        let chosen = match self.emitters.is_many() {
+            true => Some(self.emitters.choose(sample.x)),
+            false => choose_guided(&self.emitters.all, point, sample.x, &mut events.guides),
         };
-        let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(sample, scramble, ON_EMITTER));
+        let Some((emitter, probability, again)) = chosen else { return };
+        let Vec2 { x: u, y: v } = warp::uniform_triangle(Vec2::new(again, sample.y));
         let target = emitter.point(u, v);
         let kernel = emitter.kernel(point.position, point.normal, target);
         let brings = emitter.exitance(self.scene, u, v) * (kernel / probability);
@@ -108,21 +97,21 @@ impl DirectLight<'_> {
         &self,
         (i, point): (usize, &OrientedPoint),
         origin: glam::Vec3,
-        (sample, scramble): (u32, u32),
+        sample: Vec2,
         events: &mut NextEvents,
     ) {
         let Some(environment) = self.scene.environment() else { return };
-        let u = sobol::sobol_2d(sample, scramble, SKY);
         let Some(sampler) = &self.sky else {
-            let direction = warp::cosine_hemisphere(u, point.normal);
+            let direction = warp::cosine_hemisphere(sample, point.normal);
             let brings = irradiance_from_uniform_radiance(environment.radiance(direction));
             return events.push(i, Ray::new(origin, direction), brings);
         };
-        // Every other sample follows the map, the rest the cosine; each stands for two.
-        let direction = if sample.is_multiple_of(2) {
-            sampler.sample(environment, u).0
+        // Half of the samples follow the map, half the cosine; each stands for two.
+        let again = Vec2::new((2.0 * sample.x).fract(), sample.y);
+        let direction = if sample.x < 0.5 {
+            sampler.sample(environment, again).0
         } else {
-            warp::cosine_hemisphere(u, point.normal)
+            warp::cosine_hemisphere(again, point.normal)
         };
         let brings = 2.0 * sampler.weighted(environment, direction, point.normal.dot(direction), 1);
         events.push(i, Ray::new(origin, direction), brings);
@@ -132,7 +121,7 @@ impl DirectLight<'_> {
         &self,
         (i, point): (usize, &OrientedPoint),
         origin: glam::Vec3,
-        (sample, scramble): (u32, u32),
+        sample: Vec2,
         events: &mut NextEvents,
     ) {
         for light in self.scene.lights() {
@@ -146,9 +135,8 @@ impl DirectLight<'_> {
                     events.push(i, Ray::segment(origin, position), from_point(point, position, intensity));
                 }
                 LightShape::Directional { direction_to_light, irradiance, angular_radius } => {
-                    let u = sobol::sobol_2d(sample, scramble, SUN);
                     let direction = match angular_radius > 0.0 {
-                        true => warp::uniform_cone(u, direction_to_light, angular_radius),
+                        true => warp::uniform_cone(sample, direction_to_light, angular_radius),
                         false => direction_to_light,
                     };
                     // The mean cosine over the disc, so that a facing surface receives exactly `irradiance`.
@@ -166,13 +154,12 @@ impl DirectLight<'_> {
         &self,
         caster: &dyn RayCaster,
         points: &[OrientedPoint],
-        samples: &[u32],
-        scramble: u32,
+        samples: &[Vec2],
         events: &mut NextEvents,
         out: &mut [Rgb],
     ) {
         events.rays.extend(points.iter().zip(samples).map(|(point, &sample)| {
-            let direction = warp::cosine_hemisphere(sobol::sobol_2d(sample, scramble, SKY), point.normal);
+            let direction = warp::cosine_hemisphere(sample, point.normal);
             Ray::new(offset_origin(point.position, point.normal), direction)
         }));
         events.hits.clear();
@@ -194,13 +181,14 @@ impl DirectLight<'_> {
     }
 }
 
-/// An emitter chosen by about what each brings to `point`, and the probability of that choice. `None` where none can.
+/// An emitter chosen by about what each brings to `point`, the probability of that choice, and `choice` made
+/// uniform again. `None` where none can.
 fn choose_guided<'e>(
     emitters: &'e [Emitter],
     point: &OrientedPoint,
     choice: f32,
     guides: &mut Vec<f32>,
-) -> Option<(&'e Emitter, f32)> {
+) -> Option<(&'e Emitter, f32, f32)> {
     guides.clear();
     guides.extend(emitters.iter().map(|emitter| {
         if !emitter.can_light(point.position, point.normal) {
@@ -222,7 +210,8 @@ fn choose_guided<'e>(
     let last = guides.iter().rposition(|&g| g > 0.0)?;
     for (i, &guide) in guides.iter().enumerate() {
         if guide > 0.0 && (rest < guide || i == last) {
-            return Some((&emitters[i], guide / total));
+            let again = (rest / guide).clamp(0.0, 1.0 - f32::EPSILON);
+            return Some((&emitters[i], guide / total, again));
         }
         rest -= guide;
     }
