@@ -9,7 +9,7 @@ use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::poisson::rejection_distance_squared;
 use hplt::transport::{DirectEstimator, DirectOptions, StopReason, TransportOptions};
 
-use crate::{Prepared, Setup, Solved, Stages};
+use crate::{Bare, Prepared, Setup, Solved, Stages};
 
 /// `Ok`, or what is wrong.
 pub type Verdict = Result<(), String>;
@@ -47,6 +47,9 @@ pub const ALL: [Check; 13] = [
 pub fn named(name: &str) -> Check {
     *ALL.iter().find(|check| check.name == name).unwrap_or_else(|| panic!("no check is called {name}"))
 }
+
+/// Both ways to find direct light.
+pub const BOTH: [DirectEstimator; 2] = [DirectEstimator::Lights, DirectEstimator::Hemisphere];
 
 /// Every surface emits: lights are found by the rays that gather.
 pub fn hemisphere(n_levels: usize, n_rays: u32, tolerance: f32) -> Setup {
@@ -132,17 +135,26 @@ fn a13_concentric_spheres(stages: &Stages) -> Verdict {
     Ok(())
 }
 
-/// A14: the form factor of parallel unit squares, near and far, by shadow rays and by hemisphere.
+/// `n` unit vectors spread evenly (a Fibonacci spiral).
+pub fn spread_directions(n: usize) -> Vec<DVec3> {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    (0..n)
+        .map(|i| {
+            let y = 1.0 - (2.0 * i as f64 + 1.0) / n as f64;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            DVec3::new(cos, 0.0, sin) * (1.0 - y * y).sqrt() + DVec3::Y * y
+        })
+        .collect()
+}
+
+/// A14: the form factor of parallel unit squares, far and near, by shadow rays and by hemisphere.
 fn a14_parallel_plates(stages: &Stages) -> Verdict {
-    for (i, margin) in [(0, 2e-3), (4, 0.01)] {
+    for (i, margin) in [(4, 0.01), (0, 2e-3)] {
         let (gap, factor) = closed_forms::PARALLEL_SQUARES[i];
-        for estimator in [DirectEstimator::Lights, DirectEstimator::Hemisphere] {
-            let scene = stages.build(scenes::parallel_plates(gap));
-            let mut setup = hemisphere(1, 64, 1e-2);
-            setup.direct.estimator = estimator;
-            let prepared = Prepared::of(stages, scene, setup);
-            let points = plate_grid(&prepared, 8, |x, z| (DVec3::new(x, gap, z), Vec3::NEG_Y));
-            let values = prepared.direct_alone_at(&points);
+        let bare = Bare::of(stages, stages.build(scenes::parallel_plates(gap)));
+        let points: Vec<(DVec3, Vec3)> = cells(8).map(|(x, z)| (DVec3::new(x, gap, z), Vec3::NEG_Y)).collect();
+        for estimator in BOTH {
+            let values = bare.direct_at(&points, DirectOptions { estimator, ..DirectOptions::measurement() });
             let mean = f64::from(values.iter().sum::<Rgb>().x) / values.len() as f64;
             demand((mean / factor - 1.0).abs() <= margin, || {
                 format!("gap {gap}, {estimator:?}: {mean} instead of {factor}")
@@ -152,11 +164,10 @@ fn a14_parallel_plates(stages: &Stages) -> Verdict {
     Ok(())
 }
 
-/// The midpoints of `n × n` cells of the unit square, placed.
-pub fn plate_grid(prepared: &Prepared, n: usize, place: impl Fn(f64, f64) -> (DVec3, Vec3)) -> Vec<OrientedPoint> {
-    let at = |i: usize| (i as f64 + 0.5) / n as f64;
-    let points: Vec<(DVec3, Vec3)> = (0..n * n).map(|i| place(at(i % n), at(i / n))).collect();
-    prepared.locate_world(&points)
+/// The midpoints of `n × n` cells of the unit square.
+pub fn cells(n: usize) -> impl Iterator<Item = (f64, f64)> {
+    let at = move |i: usize| (i as f64 + 0.5) / n as f64;
+    (0..n * n).map(move |i| (at(i % n), at(i / n)))
 }
 
 /// A17 and G18: a point under a unit square, and the same with a plate half-way that hides a quarter of it.
@@ -164,11 +175,10 @@ fn a17_blocked_square(stages: &Stages) -> Verdict {
     let visible = closed_forms::POINT_UNDER_UNIT_SQUARE;
     let hidden = 4.0 * closed_forms::point_to_parallel_rectangle(0.25, 0.25);
     for (blocker, expected) in [(None, visible), (Some(0.25), visible - hidden)] {
-        for estimator in [DirectEstimator::Lights, DirectEstimator::Hemisphere] {
-            let mut setup = hemisphere(1, 64, 1e-2);
-            setup.direct.estimator = estimator;
-            let prepared = Prepared::of(stages, stages.build(square_above(blocker)), setup);
-            let value = f64::from(prepared.direct_alone_at(&prepared.locate_world(&[(DVec3::ZERO, Vec3::Y)]))[0].x);
+        let bare = Bare::of(stages, stages.build(square_above(blocker)));
+        for estimator in BOTH {
+            let options = DirectOptions { estimator, ..DirectOptions::measurement() };
+            let value = f64::from(bare.direct_at(&[(DVec3::ZERO, Vec3::Y)], options)[0].x);
             demand((value / expected - 1.0).abs() < 0.01, || {
                 format!("blocker {blocker:?}, {estimator:?}: {value} instead of {expected}")
             })?;
@@ -285,13 +295,12 @@ fn c4_dead_channels(stages: &Stages) -> Verdict {
 
 /// C10: open ground under a sky of radiance 1 receives π, by either estimator.
 fn c10_ground_under_a_sky(stages: &Stages) -> Verdict {
-    for estimator in [DirectEstimator::Lights, DirectEstimator::Hemisphere] {
-        let mut builder = scenes::single_sheet(Rgb::splat(0.5));
-        builder.set_environment(Environment::constant(Rgb::ONE).map_err(|e| e.to_string())?);
-        let mut setup = hemisphere(1, 64, 1e-2);
-        setup.direct.estimator = estimator;
-        let prepared = Prepared::of(stages, stages.build(builder), setup);
-        let value = prepared.direct_alone_at(&prepared.locate_world(&[(DVec3::ZERO, Vec3::Y)]));
+    let mut builder = scenes::single_sheet(Rgb::splat(0.5));
+    builder.set_environment(Environment::constant(Rgb::ONE).map_err(|e| e.to_string())?);
+    let bare = Bare::of(stages, stages.build(builder));
+    for estimator in BOTH {
+        let options = DirectOptions { estimator, ..DirectOptions::projection() };
+        let value = bare.direct_at(&[(DVec3::ZERO, Vec3::Y)], options);
         let error = worst(&value, Rgb::splat(std::f32::consts::PI));
         demand(error < 2e-3, || format!("{estimator:?}: off by {error:e}"))?;
     }
@@ -328,7 +337,8 @@ fn d8_dark_room(stages: &Stages) -> Verdict {
     let prepared = Prepared::of(stages, stages.build(scenes::two_rooms(0.0)), small_setup());
     let solved = solve(&prepared)?;
     let side = |normal: Vec3| {
-        let points = plate_grid(&prepared, 8, |y, z| (DVec3::new(0.0, y, z), normal));
+        let points: Vec<(DVec3, Vec3)> = cells(8).map(|(y, z)| (DVec3::new(0.0, y, z), normal)).collect();
+        let points = prepared.locate_world(&points);
         prepared.interpolated_at(&solved, &points)
     };
     let brightest = side(Vec3::X).into_iter().fold(Rgb::ZERO, Rgb::max);

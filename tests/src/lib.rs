@@ -7,13 +7,15 @@
 pub mod checks;
 pub mod faults;
 mod stages;
+mod verdict;
 
 pub use stages::{Nearest, Occluded, Read, Run, StagedBvh, StagedRead, Stages};
+pub use verdict::{area_mean, assert_equivalent, mean_luminance, replicated};
 
 use std::path::{Path, PathBuf};
 
 use hplt::basis::{Absolute, BasisOptions, Coefficients, Coverage, ExactShepard, ShepardBasis};
-use hplt::geom::{Bvh, BvhOptions, NoProgress, OrientedPoint, Rgb, Scene, glam::DVec3, glam::Vec3};
+use hplt::geom::{Bvh, BvhOptions, NoProgress, OrientedPoint, RegionId, Rgb, Scene, glam::DVec3, glam::Vec3};
 use hplt::sampling::{Hierarchy, HierarchyOptions, HierarchyReport, Radius, Regions, poisson_hierarchy, random::Stage};
 use hplt::transport::{
     DirectLight, DirectOptions, Error, FinalGather, FinalGatherOptions, Model, Sender, Solution, TransportOptions,
@@ -193,6 +195,40 @@ impl Prepared {
         let light = DirectLight::new(&self.scene, DirectOptions::one_sample());
         let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, light: &light, contact: 1.0 };
         final_gather(&self.model(), &sender, points, options, &NoProgress).expect("nothing interrupts")
+    }
+}
+
+/// A scene with rays and no functions: for direct light at points.
+pub struct Bare {
+    /// The scene.
+    pub scene: Scene,
+    /// Its rays.
+    pub bvh: StagedBvh,
+    stages: Stages,
+}
+
+impl Bare {
+    /// Builds the BVH.
+    pub fn new(scene: Scene) -> Self {
+        Self::of(&Stages::SOUND, scene)
+    }
+
+    /// The same with the functions of `stages`.
+    pub fn of(stages: &Stages, scene: Scene) -> Self {
+        let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+        Self { scene, bvh: StagedBvh::new(bvh, stages), stages: *stages }
+    }
+
+    /// Direct irradiance at points given by position and normal in world space, as it leaves the pipeline.
+    pub fn direct_at(&self, points: &[(DVec3, Vec3)], options: DirectOptions) -> Vec<Rgb> {
+        let frame = self.scene.frame();
+        let place = |&(p, n): &(DVec3, Vec3)| OrientedPoint::new(frame.scene_from_world_point(p), n, RegionId(0));
+        let points: Vec<OrientedPoint> = points.iter().map(place).collect();
+        let light = DirectLight::new(&self.scene, options);
+        let values = direct_irradiance(&light, &self.bvh, &points, Stage::Error, &NoProgress);
+        let values = values.expect("nothing interrupts");
+        let finish = |(p, e)| (self.stages.output)(&self.scene, &self.bvh.bvh, p, e);
+        points.iter().zip(values).map(finish).collect()
     }
 }
 
