@@ -1,4 +1,4 @@
-//! A21: a cube made so that its answer is known everywhere, and the order in which the error falls. Slow.
+//! A21: a cube made so that its answer is known everywhere, and the order in which the error falls.
 
 use hplt::geom::glam::DVec3;
 use hplt::geom::{Material, Rgb, Scene, SceneBuilder};
@@ -9,10 +9,10 @@ use hplt_tests::checks::hemisphere;
 use hplt_tests::{Prepared, Setup};
 
 /// Radiosities of the faces, constant on each.
-const RADIOSITY: [f64; 6] = [1.0, 2.0, 4.0, 1.5, 3.0, 2.5];
+const RADIOSITY: [f64; 6] = [2.0, 2.5, 4.0, 2.2, 3.0, 2.4];
 const ALBEDO: f64 = 0.5;
 /// Cells of constant exitance across a face.
-const CELLS: u32 = 32;
+const CELLS: u32 = 16;
 
 fn faces() -> Vec<[DVec3; 4]> {
     let mut room = Shape::new();
@@ -57,14 +57,14 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     logs.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum::<f64>() / logs.iter().map(|p| (p.0 - mx).powi(2)).sum::<f64>()
 }
 
-/// Mean relative error of interpolated irradiance over a grid on all faces, at each number of levels.
+/// Mean relative error of interpolated irradiance over a grid on all faces, at radii that halve twice. Rays enough for their
+/// noise, 0.1 %, to stay below the error of the functions.
 #[test]
-#[ignore = "slow: five solves, every function gathered"]
 fn a21_the_error_falls_with_the_first_power_of_the_radius() {
     let (scene, faces) = (manufactured(), faces());
     let mut errors = Vec::new();
-    for n_levels in 1..=4 {
-        let mut setup: Setup = hemisphere(n_levels, 1024, 1e-3);
+    for radius in [0.24, 0.17, 0.12, 0.085] {
+        let mut setup = Setup { radius, ..hemisphere(1, 4096, 1e-3) };
         let threshold = Threshold { absolute: 0.0, relative: 0.0, noise: 0.0 };
         setup.transport = TransportOptions { threshold, shaped_push_down: false, max_bounces: 8, ..setup.transport };
         let prepared = Prepared::new(scene.clone(), setup);
@@ -83,7 +83,7 @@ fn a21_the_error_falls_with_the_first_power_of_the_radius() {
                 n += 1.0;
             }
         }
-        let radius = prepared.placed.radii[n_levels - 1];
+        let radius = prepared.placed.radii[0];
         println!("radius {radius:.4}: mean error {:.3} %", 100.0 * sum / n);
         errors.push((radius, sum / n));
     }

@@ -54,7 +54,7 @@ fn a8_albedo_almost_one_never_claims_too_much() {
 /// A11: an integrating sphere with a lamp, a black port and walls of high albedo.
 #[test]
 fn a11_integrating_sphere_with_a_lamp_and_a_port() {
-    for albedo in [0.9f32, 0.98] {
+    for (albedo, margin) in [(0.9f32, 0.025), (0.98, 0.05)] {
         let wall = Material::diffuse("wall", Rgb::splat(albedo));
         let lamp = Material::emitter("lamp", Rgb::splat(albedo), Rgb::splat(10.0));
         let port = Material::diffuse("port", Rgb::ZERO);
@@ -66,14 +66,14 @@ fn a11_integrating_sphere_with_a_lamp_and_a_port() {
         let exact = closed_forms::integrating_sphere_irradiance(10.0 * lit, f64::from(albedo) * (1.0 - black));
         let mean = replicated(6, |seed| {
             let mut setup = hemisphere(1, 64, 1e-3);
-            (setup.radius, setup.direct.seed, setup.transport.seed) = (0.08, seed, seed);
-            setup.direct.sky_samples = 1024;
+            (setup.radius, setup.direct.seed, setup.transport.seed) = (0.12, seed, seed);
+            setup.direct.sky_samples = 4096;
             let prepared = Prepared::new(scene.clone(), setup);
             let solved = prepared.solve().unwrap();
             assert_eq!(solved.report.n_escaped(), 0);
             area_mean(prepared.basis.points(0), &solved.finest())
         });
-        assert_equivalent(&format!("integrating sphere, albedo {albedo}"), &mean, exact, 0.02);
+        assert_equivalent(&format!("integrating sphere, albedo {albedo}"), &mean, exact, margin);
     }
 }
 

@@ -68,7 +68,7 @@ fn a_hole_to_the_sky_in_a_sphere() {
 #[test]
 fn a_manufactured_cube() {
     const CELLS: u32 = 24;
-    let (radiosity, albedo) = ([1.0, 2.0, 4.0, 1.5, 3.0, 2.5], 0.5);
+    let (radiosity, albedo) = ([2.0, 2.5, 4.0, 2.2, 3.0, 2.4], 0.5);
     let mut room = Shape::new();
     room.room(DVec3::ZERO, DVec3::ONE);
     let faces: Vec<&[DVec3]> = room.positions.chunks(4).collect();
