@@ -272,6 +272,7 @@ fn one_point_twice(mut points: PointHierarchy) -> PointHierarchy {
     for level in &mut points.levels {
         if let Some(&first) = level.points.first() {
             level.points.push(first);
+            level.is_refined.extend(level.is_refined.first().copied());
         }
     }
     points
