@@ -1,15 +1,22 @@
 //! What the integration tests share: the pipeline from a scene to a solution, and where big scenes are.
 //!
-//! The tests themselves are in `tests/`, one file per section of what is promised: exact answers, invariants, materials and
-//! lights, geometry, accuracy.
+//! The tests themselves are in `tests/`, one file per section of what is promised: exact answers, form factors, invariants,
+//! materials and lights, geometry, extremes. [`checks`] are those members of the suite that the planted [`faults`] are held
+//! against.
+
+pub mod checks;
+pub mod faults;
+mod stages;
+mod verdict;
+
+pub use stages::{Nearest, Occluded, Read, Run, StagedBvh, StagedRead, Stages};
+pub use verdict::{area_mean, assert_equivalent, mean_luminance, replicated};
 
 use std::path::{Path, PathBuf};
 
-use hplt::basis::{
-    Absolute, ApproximateNearest, BasisOptions, Coefficients, Coverage, ExactShepard, Reconstruction, ShepardBasis,
-};
-use hplt::geom::{Bvh, BvhOptions, NoProgress, OrientedPoint, Rgb, Scene, glam::Vec3};
-use hplt::sampling::{Hierarchy, HierarchyOptions, Radius, Regions, poisson_hierarchy, random::Stage};
+use hplt::basis::{Absolute, BasisOptions, Coefficients, Coverage, ExactShepard, ShepardBasis};
+use hplt::geom::{Bvh, BvhOptions, NoProgress, OrientedPoint, RegionId, Rgb, Scene, glam::DVec3, glam::Vec3};
+use hplt::sampling::{Hierarchy, HierarchyOptions, HierarchyReport, Radius, Regions, poisson_hierarchy, random::Stage};
 use hplt::transport::{
     DirectLight, DirectOptions, Error, FinalGather, FinalGatherOptions, Model, Sender, Solution, TransportOptions,
     TransportReport, direct_irradiance, final_gather, project_direct, transport_absolute, transport_delta,
@@ -44,13 +51,17 @@ pub struct Prepared {
     /// The scene.
     pub scene: Scene,
     /// Its rays.
-    pub bvh: Bvh,
+    pub bvh: StagedBvh,
     /// Regions of the air.
     pub regions: Regions,
+    /// Counts of the hierarchy.
+    pub placed: HierarchyReport,
     /// The function space.
     pub basis: ShepardBasis,
     /// How it is solved.
     pub setup: Setup,
+    /// By which functions.
+    pub stages: Stages,
 }
 
 /// The solution in absolute encoding.
@@ -66,16 +77,21 @@ pub struct Solved {
 impl Prepared {
     /// Builds BVH, hierarchy and basis.
     pub fn new(scene: Scene, setup: Setup) -> Self {
+        Self::of(&Stages::SOUND, scene, setup)
+    }
+
+    /// The same with the functions of `stages`.
+    pub fn of(stages: &Stages, scene: Scene, setup: Setup) -> Self {
         let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
         let options = HierarchyOptions {
             n_levels: setup.n_levels,
             coarsest_radius: Radius::Fraction(setup.radius),
             ..HierarchyOptions::production()
         };
-        let Hierarchy { points, regions, .. } =
+        let Hierarchy { points, regions, report: placed } =
             poisson_hierarchy(&scene, &bvh, &options, &NoProgress).expect("the options are in range");
-        let basis = ShepardBasis::build(points, BasisOptions::default());
-        Self { scene, bvh, regions, basis, setup }
+        let basis = ShepardBasis::build((stages.points)(points), BasisOptions::default());
+        Self { scene, bvh: StagedBvh::new(bvh, stages), regions, placed, basis, setup, stages: *stages }
     }
 
     /// What every stage of the transport reads.
@@ -100,8 +116,11 @@ impl Prepared {
     pub fn solve(&self) -> Result<Solved, Error> {
         let direct = self.project();
         let options = &self.setup.transport;
-        let Solution { indirect, report } =
-            transport_absolute(&self.model(), &direct, &ApproximateNearest, &options.threshold, options, &NoProgress)?;
+        let senders = StagedRead(self.stages.senders);
+        let transport = |options: &TransportOptions| {
+            transport_absolute(&self.model(), &direct, &senders, &options.threshold, options, &NoProgress)
+        };
+        let Solution { indirect, report } = (self.stages.run)(options, &transport)?;
         Ok(Solved { direct, indirect, report })
     }
 
@@ -120,12 +139,39 @@ impl Prepared {
 
     /// Points given by position and normal in scene space, with their regions.
     pub fn locate(&self, points: &[(Vec3, Vec3)]) -> Vec<OrientedPoint> {
-        let regions = self.regions.locate(&self.scene, &self.bvh, points);
+        let regions = self.regions.locate(&self.scene, &self.bvh.bvh, points);
         points
             .iter()
             .zip(regions)
             .map(|(&(position, normal), region)| OrientedPoint::new(position, normal, region))
             .collect()
+    }
+
+    /// Points given by position and normal in world space, with their regions.
+    pub fn locate_world(&self, points: &[(DVec3, Vec3)]) -> Vec<OrientedPoint> {
+        let frame = self.scene.frame();
+        self.locate(&points.iter().map(|&(p, n)| (frame.scene_from_world_point(p), n)).collect::<Vec<_>>())
+    }
+
+    /// Total irradiance at points, the indirect part interpolated, as it leaves the pipeline.
+    pub fn interpolated_at(&self, solved: &Solved, points: &[OrientedPoint]) -> Vec<Rgb> {
+        let (indirect, _) = self.interpolate(&solved.indirect, points);
+        self.finish(points, self.direct_at(points).iter().zip(&indirect).map(|(d, i)| *d + *i))
+    }
+
+    /// Total irradiance at points, the indirect part gathered, as it leaves the pipeline.
+    pub fn gathered_at(&self, solved: &Solved, points: &[OrientedPoint], n_rays: u32) -> Vec<Rgb> {
+        let indirect = self.gather(solved, points, n_rays);
+        self.finish(points, self.direct_at(points).iter().zip(&indirect).map(|(d, i)| *d + i.irradiance))
+    }
+
+    /// Direct irradiance at points, as it leaves the pipeline.
+    pub fn direct_alone_at(&self, points: &[OrientedPoint]) -> Vec<Rgb> {
+        self.finish(points, self.direct_at(points).into_iter())
+    }
+
+    fn finish(&self, points: &[OrientedPoint], values: impl Iterator<Item = Rgb>) -> Vec<Rgb> {
+        points.iter().zip(values).map(|(p, e)| (self.stages.output)(&self.scene, &self.bvh.bvh, p, e)).collect()
     }
 
     /// Direct irradiance at points, at measurement quality.
@@ -138,17 +184,51 @@ impl Prepared {
     /// A field interpolated at points, on all levels.
     pub fn interpolate(&self, field: &Coefficients<Absolute>, points: &[OrientedPoint]) -> (Vec<Rgb>, Coverage) {
         let mut out = vec![Rgb::ZERO; points.len()];
-        let coverage = ExactShepard.reconstruct(&self.basis, field, self.basis.n_levels(), points, &mut out);
+        let coverage = (self.stages.display)(&self.basis, field, self.basis.n_levels(), points, &mut out);
         (out, coverage)
     }
 
     /// Indirect irradiance at points by a final gather.
     pub fn gather(&self, solved: &Solved, points: &[OrientedPoint], n_rays: u32) -> Vec<FinalGather> {
-        let total = solved.direct.plus(&solved.indirect);
-        let sender = Sender { coefficients: &total, reconstruction: &ApproximateNearest, n_levels: usize::MAX };
+        let senders = StagedRead(self.stages.senders);
+        let sender = Sender { coefficients: &solved.indirect, reconstruction: &senders, n_levels: usize::MAX };
         let light = DirectLight::new(&self.scene, DirectOptions::one_sample());
-        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, contact_light: Some(&light) };
+        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, light: &light, contact: 1.0 };
         final_gather(&self.model(), &sender, points, options, &NoProgress).expect("nothing interrupts")
+    }
+}
+
+/// A scene with rays and no functions: for direct light at points.
+pub struct Bare {
+    /// The scene.
+    pub scene: Scene,
+    /// Its rays.
+    pub bvh: StagedBvh,
+    stages: Stages,
+}
+
+impl Bare {
+    /// Builds the BVH.
+    pub fn new(scene: Scene) -> Self {
+        Self::of(&Stages::SOUND, scene)
+    }
+
+    /// The same with the functions of `stages`.
+    pub fn of(stages: &Stages, scene: Scene) -> Self {
+        let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+        Self { scene, bvh: StagedBvh::new(bvh, stages), stages: *stages }
+    }
+
+    /// Direct irradiance at points given by position and normal in world space, as it leaves the pipeline.
+    pub fn direct_at(&self, points: &[(DVec3, Vec3)], options: DirectOptions) -> Vec<Rgb> {
+        let frame = self.scene.frame();
+        let place = |&(p, n): &(DVec3, Vec3)| OrientedPoint::new(frame.scene_from_world_point(p), n, RegionId(0));
+        let points: Vec<OrientedPoint> = points.iter().map(place).collect();
+        let light = DirectLight::new(&self.scene, options);
+        let values = direct_irradiance(&light, &self.bvh, &points, Stage::Error, &NoProgress);
+        let values = values.expect("nothing interrupts");
+        let finish = |(p, e)| (self.stages.output)(&self.scene, &self.bvh.bvh, p, e);
+        points.iter().zip(values).map(finish).collect()
     }
 }
 

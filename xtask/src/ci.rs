@@ -27,6 +27,22 @@ pub fn test() -> Result<()> {
     Ok(())
 }
 
+/// Runs the tests that are marked as slow, one at a time: some take gigabytes.
+pub fn slow_tests() -> Result<()> {
+    run(&mut cargo(&[
+        "test",
+        "--release",
+        "--workspace",
+        "--lib",
+        "--tests",
+        "--",
+        "--ignored",
+        "--nocapture",
+        "--test-threads",
+        "1",
+    ]))
+}
+
 /// Format, lints, feature matrix, docs, tests.
 pub fn gate(skip_tests: bool) -> Result<()> {
     run(&mut cargo(&["fmt", "--all", "--check"]))?;

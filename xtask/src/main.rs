@@ -17,7 +17,11 @@ struct Args {
 #[derive(Subcommand)]
 enum Task {
     /// Run all tests.
-    Test,
+    Test {
+        /// Run the slow ones (`#[ignore]`), optimised as a release is, and nothing else.
+        #[arg(long)]
+        slow: bool,
+    },
     /// The full gate: format, lints, feature matrix, docs, tests.
     Ci {
         /// Leave the tests out, where they have just run.
@@ -30,7 +34,8 @@ enum Task {
 
 fn main() -> anyhow::Result<()> {
     match Args::parse().task {
-        Task::Test => ci::test(),
+        Task::Test { slow: false } => ci::test(),
+        Task::Test { slow: true } => ci::slow_tests(),
         Task::Ci { skip_tests } => ci::gate(skip_tests),
         Task::Bench(options) => bench::run(&options),
     }

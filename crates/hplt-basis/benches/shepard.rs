@@ -16,7 +16,7 @@ fn point(i: u32, n: u32) -> OrientedPoint {
 
 fn benches(c: &mut Criterion) {
     let levels = [1_000u32, 4_000, 16_000, 64_000]
-        .map(|n| PointLevel { poisson_radius: (0.7 / n as f32).sqrt(), points: (0..n).map(|i| point(i, n)).collect() });
+        .map(|n| PointLevel::new((0.7 / n as f32).sqrt(), (0..n).map(|i| point(i, n)).collect()));
     let basis = ShepardBasis::build(PointHierarchy { levels: levels.to_vec(), n_regions: 1 }, BasisOptions::default());
     let field: Coefficients<Absolute> = restrict(&basis, vec![Rgb::ONE; basis.n_functions(3)]);
     let queries: Vec<OrientedPoint> = (0..4096).map(|i| point(i * 7919 + 13, 1)).collect();

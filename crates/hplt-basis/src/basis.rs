@@ -1,6 +1,7 @@
-use hplt_geom::{OrientedPoint, PointHierarchy, parallel};
+use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, parallel};
 use hplt_kdtree::KdTree;
 
+use crate::finest::FinestIndex;
 use crate::kernel::distance_squared;
 use crate::{Kernel, Parents, smoothstep};
 
@@ -65,18 +66,19 @@ pub struct ShepardBasis {
     trees: Vec<KdTree>,
     parents: Vec<Parents>,
     options: BasisOptions,
+    /// Where some levels are not everywhere.
+    finest: Option<FinestIndex>,
 }
 
 impl ShepardBasis {
     /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
     pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
-        let trees = hierarchy
-            .levels
-            .iter()
-            .map(|level| KdTree::build(&level.points.iter().map(|p| p.position).collect::<Vec<_>>()))
-            .collect();
-        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options };
+        let trees = hierarchy.levels.iter().map(tree_of).collect();
+        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, finest: None };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
+        if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
+            basis.finest = Some(FinestIndex::build(&basis));
+        }
         basis
     }
 
@@ -161,11 +163,60 @@ impl ShepardBasis {
         find(&|p| p.is_continued_at(query)).or_else(|| find(&same_side)).map(|(id, _)| id)
     }
 
+    /// A function of `level` near `query`, in its region, within sight and with a normal within 60°: what one descent of the
+    /// kd-tree finds, and the nearest one within a support where that is farther away.
+    pub fn approximate_nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
+        let points = self.points(level);
+        let same_side = |id: u32| {
+            let point = &points[id as usize];
+            query.normal.dot(point.normal) > 0.5 && point.is_continued_at(query)
+        };
+        let (tree, support) = (self.tree(level), self.support(level));
+        let found = tree.approximate_nearest(query.position, same_side);
+        // A leaf that mixes walls may hold only a function of this side that is far away, or none.
+        let near = found.filter(|&(_, distance_squared)| distance_squared <= support * support);
+        near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
+    }
+
+    /// Level and index of the nearest function that nothing finer stands in for, by an index over all of them; outer `None`
+    /// when there is no such index.
+    pub(crate) fn finest_nearest(&self, query: &OrientedPoint) -> Option<Option<(usize, u32)>> {
+        self.finest.as_ref().map(|index| index.nearest(query, self.support(0)))
+    }
+
+    /// The index of function `i` of `level` among those of all levels, coarsest first.
+    pub fn flat_index(&self, level: usize, i: u32) -> u32 {
+        self.hierarchy.levels[..level].iter().map(|l| l.points.len() as u32).sum::<u32>() + i
+    }
+
+    /// Adds a finer level, which covers the surroundings of the functions of the finest level so far that `is_refined` says.
+    pub fn push_level(&mut self, level: PointLevel, is_refined: Vec<bool>) {
+        let finest = self.n_levels() - 1;
+        assert_eq!(is_refined.len(), self.n_functions(finest), "one flag per function");
+        self.hierarchy.levels[finest].is_refined = is_refined;
+        self.trees.push(tree_of(&level));
+        self.hierarchy.levels.push(level);
+        self.parents.push(self.find_parents(finest + 1));
+        self.finest = Some(FinestIndex::build(self));
+    }
+
+    /// Takes away all levels but the `n_levels` coarsest.
+    pub fn truncate(&mut self, n_levels: usize) {
+        self.hierarchy.levels.truncate(n_levels);
+        self.trees.truncate(n_levels);
+        self.parents.truncate(n_levels.saturating_sub(1));
+        if let Some(finest) = self.hierarchy.levels.last_mut() {
+            finest.is_refined = vec![false; finest.points.len()];
+        }
+        self.finest = Some(FinestIndex::build(self));
+    }
+
     /// Bytes that trees, parents and points take.
     pub fn memory(&self) -> usize {
         let trees: usize = self.trees.iter().map(KdTree::memory).sum();
         let parents: usize = self.parents.iter().map(Parents::memory).sum();
-        self.hierarchy.memory() + trees + parents
+        let finest = self.finest.as_ref().map_or(0, FinestIndex::memory);
+        self.hierarchy.memory() + trees + parents + finest
     }
 
     fn find_parents(&self, level: usize) -> Parents {
@@ -178,4 +229,8 @@ impl ShepardBasis {
         });
         Parents::from_rows(&rows, self.n_functions(level - 1))
     }
+}
+
+fn tree_of(level: &PointLevel) -> KdTree {
+    KdTree::build(&level.points.iter().map(|p| p.position).collect::<Vec<_>>())
 }

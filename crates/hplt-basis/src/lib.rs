@@ -26,7 +26,9 @@ struct ReadmeExample;
 mod basis;
 mod coefficients;
 mod coverage;
+mod finest;
 mod kernel;
+mod layered;
 mod parents;
 mod reconstruction;
 
@@ -34,5 +36,6 @@ pub use basis::{BasisOptions, Footprint, MIN_WEIGHT_SUM, ShepardBasis, Weight};
 pub use coefficients::{Absolute, Coefficients, Delta, absolute_from_delta, delta_from_absolute, restrict};
 pub use coverage::Coverage;
 pub use kernel::{Kernel, distance_squared, smoothstep};
+pub use layered::{Layered, LayeredNearest, LayeredScratch};
 pub use parents::Parents;
 pub use reconstruction::{ApproximateNearest, ExactShepard, Reconstruction};

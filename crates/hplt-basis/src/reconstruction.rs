@@ -18,6 +18,11 @@ pub trait Reconstruction<E>: Sync {
         queries: &[OrientedPoint],
         out: &mut [Rgb],
     ) -> Coverage;
+
+    /// The support, scene units, of the finest functions that are read at `query`.
+    fn support_at(&self, basis: &ShepardBasis, n_levels: usize, _query: &OrientedPoint) -> f32 {
+        basis.support(n_levels - 1)
+    }
 }
 
 /// The exact expansion: a range query per level (delta), or one on the finest level read (absolute).
@@ -91,7 +96,7 @@ impl Reconstruction<Absolute> for ApproximateNearest {
     ) -> Coverage {
         for_each(queries, out, |query, coverage| {
             let top = n_levels - 1;
-            match approximate_nearest(basis, top, query) {
+            match basis.approximate_nearest(top, query) {
                 Some(function) => coefficients.level(top)[function as usize],
                 None => nearest_on_any_level(basis, coefficients, n_levels, query, coverage),
             }
@@ -110,7 +115,7 @@ impl Reconstruction<Delta> for ApproximateNearest {
     ) -> Coverage {
         for_each(queries, out, |query, coverage| {
             (0..n_levels)
-                .map(|level| match approximate_nearest(basis, level, query) {
+                .map(|level| match basis.approximate_nearest(level, query) {
                     Some(function) => coefficients.level(level)[function as usize],
                     None => nearest_of(basis, coefficients.level(level), level, query, coverage),
                 })
@@ -119,7 +124,7 @@ impl Reconstruction<Delta> for ApproximateNearest {
     }
 }
 
-fn for_each(
+pub(crate) fn for_each(
     queries: &[OrientedPoint],
     out: &mut [Rgb],
     mut evaluate: impl FnMut(&OrientedPoint, &mut Coverage) -> Rgb,
@@ -132,21 +137,8 @@ fn for_each(
     coverage
 }
 
-fn combine(weights: &[Weight], coefficients: &[Rgb]) -> Rgb {
+pub(crate) fn combine(weights: &[Weight], coefficients: &[Rgb]) -> Rgb {
     weights.iter().map(|w| coefficients[w.function as usize] * w.weight).sum()
-}
-
-fn approximate_nearest(basis: &ShepardBasis, level: usize, query: &OrientedPoint) -> Option<u32> {
-    let points = basis.points(level);
-    let same_side = |id: u32| {
-        let point = &points[id as usize];
-        query.normal.dot(point.normal) > 0.5 && point.is_continued_at(query)
-    };
-    let (tree, support) = (basis.tree(level), basis.support(level));
-    let found = tree.approximate_nearest(query.position, same_side);
-    // A leaf that mixes walls may hold only a function of this side that is far away, or none.
-    let near = found.filter(|&(_, distance_squared)| distance_squared <= support * support);
-    near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
 }
 
 fn nearest_of(
@@ -168,7 +160,7 @@ fn nearest_of(
     }
 }
 
-fn nearest_on_any_level(
+pub(crate) fn nearest_on_any_level(
     basis: &ShepardBasis,
     coefficients: &Coefficients<Absolute>,
     n_levels: usize,

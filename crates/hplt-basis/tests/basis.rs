@@ -32,7 +32,7 @@ fn plane(n: usize, n_levels: usize, normal: Vec3, region: u32) -> PointHierarchy
             let z = ((i / cells) as f32 + 0.3 + 0.4 * noise.next()) * size;
             point(x, z, normal, region, size * size)
         });
-        PointLevel { poisson_radius: size, points: points.collect() }
+        PointLevel::new(size, points.collect())
     });
     PointHierarchy { levels: levels.collect(), n_regions: region + 1 }
 }

@@ -1,8 +1,8 @@
 //! A solved light field in either encoding, read in every way that the commands need.
 
 use hplt_basis::{
-    Absolute, ApproximateNearest, Coefficients, Coverage, Delta, ExactShepard, Reconstruction, ShepardBasis,
-    delta_from_absolute,
+    Absolute, ApproximateNearest, Coefficients, Coverage, Delta, ExactShepard, Layered, LayeredNearest, Reconstruction,
+    ShepardBasis, delta_from_absolute,
 };
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb, parallel};
 use hplt_splat::{GBuffer, evaluate, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
@@ -28,7 +28,33 @@ pub struct Encoded<E> {
     pub direct: Coefficients<E>,
     /// Indirect irradiance, W/m².
     pub indirect: Coefficients<E>,
+    /// How gathers read it.
     reconstruction: Box<dyn Reconstruction<E>>,
+    /// How displays and sensors read it.
+    display: Box<dyn Reconstruction<E>>,
+    variant: Variant,
+}
+
+impl<E> Encoded<E> {
+    /// A field whose finest level is everywhere.
+    fn uniform(fields: [Coefficients<E>; 2], reconstruction: Box<dyn Reconstruction<E>>, variant: Variant) -> Self
+    where
+        ExactShepard: Reconstruction<E>,
+    {
+        let [direct, indirect] = fields;
+        Self { direct, indirect, reconstruction, display: Box::new(ExactShepard), variant }
+    }
+}
+
+impl Encoded<Absolute> {
+    /// A field whose finer levels are only where they are needed.
+    fn layered([direct, indirect]: [Coefficients<Absolute>; 2], reconstruction: ReconstructionName) -> Self {
+        let reconstruction: Box<dyn Reconstruction<Absolute>> = match reconstruction {
+            ReconstructionName::Shepard => Box::new(Layered),
+            ReconstructionName::Nearest => Box::new(LayeredNearest),
+        };
+        Self { direct, indirect, reconstruction, display: Box::new(Layered), variant: Variant::Links }
+    }
 }
 
 /// Runs `$body` with `$encoded` bound to the field, whatever its encoding.
@@ -59,16 +85,25 @@ impl Field {
                 let direct = delta_from_absolute(model.basis, &direct);
                 let reconstruction = delta_reconstruction(reconstruction);
                 let solution = transport_delta(model, &direct, &*reconstruction, oracle, options, progress)?;
-                let field = Encoded { direct, indirect: solution.indirect, reconstruction };
+                let field = Encoded::uniform([direct, solution.indirect], reconstruction, variant);
                 Ok((Self::Delta(field), solution.report))
             }
-            Variant::Absolute => {
+            _ => {
                 let reconstruction = absolute_reconstruction(reconstruction);
                 let solution = transport_absolute(model, &direct, &*reconstruction, oracle, options, progress)?;
-                let field = Encoded { direct, indirect: solution.indirect, reconstruction };
+                let field = Encoded::uniform([direct, solution.indirect], reconstruction, variant);
                 Ok((Self::Absolute(field), solution.report))
             }
         }
+    }
+
+    /// What [`transport_links`](hplt_transport::transport_links) found.
+    pub fn linked(
+        direct: Coefficients<Absolute>,
+        indirect: Coefficients<Absolute>,
+        reconstruction: ReconstructionName,
+    ) -> Self {
+        Self::Absolute(Encoded::layered([direct, indirect], reconstruction))
     }
 
     /// A field from its coefficients, direct and indirect, by level.
@@ -78,25 +113,23 @@ impl Field {
         reconstruction: ReconstructionName,
     ) -> Self {
         match variant {
-            Variant::Delta => Self::Delta(Encoded {
-                direct: Coefficients::from_levels(direct),
-                indirect: Coefficients::from_levels(indirect),
-                reconstruction: delta_reconstruction(reconstruction),
-            }),
-            Variant::Absolute => Self::Absolute(Encoded {
-                direct: Coefficients::from_levels(direct),
-                indirect: Coefficients::from_levels(indirect),
-                reconstruction: absolute_reconstruction(reconstruction),
-            }),
+            Variant::Delta => {
+                let fields = [direct, indirect].map(Coefficients::from_levels);
+                Self::Delta(Encoded::uniform(fields, delta_reconstruction(reconstruction), variant))
+            }
+            Variant::Absolute => {
+                let fields = [direct, indirect].map(Coefficients::from_levels);
+                Self::Absolute(Encoded::uniform(fields, absolute_reconstruction(reconstruction), variant))
+            }
+            Variant::Links => {
+                Self::Absolute(Encoded::layered([direct, indirect].map(Coefficients::from_levels), reconstruction))
+            }
         }
     }
 
     /// The encoding.
     pub fn variant(&self) -> Variant {
-        match self {
-            Self::Delta(_) => Variant::Delta,
-            Self::Absolute(_) => Variant::Absolute,
-        }
+        either!(self, f => f.variant)
     }
 
     /// Direct and indirect coefficients of a level.
@@ -122,10 +155,7 @@ impl Field {
 
     /// Indirect irradiance at points by the exact expansion, and how they were answered.
     pub fn indirect_at(&self, basis: &ShepardBasis, points: &[OrientedPoint]) -> (Vec<Rgb>, Coverage) {
-        match self {
-            Self::Delta(f) => interpolate(basis, &f.indirect, &ExactShepard, points),
-            Self::Absolute(f) => interpolate(basis, &f.indirect, &ExactShepard, points),
-        }
+        either!(self, f => interpolate(basis, &f.indirect, &*f.display, points))
     }
 
     /// Indirect irradiance at points through one more gather.
@@ -141,8 +171,8 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<Vec<FinalGather>, Interrupted> {
         either!(self, f => {
-            let total = f.direct.plus(&f.indirect);
-            let sender = Sender { coefficients: &total, reconstruction: &*f.reconstruction, n_levels: sender_levels };
+            let reconstruction = &*f.reconstruction;
+            let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
             final_gather(model, &sender, points, options, progress)
         })
     }
@@ -158,10 +188,11 @@ impl Field {
         probe: ErrorProbe<'_>,
         progress: &dyn Progress,
     ) -> Result<ErrorEstimate, Interrupted> {
-        match self {
-            Self::Delta(f) => error_of(model, f, &ExactShepard, sender_levels, probe, progress),
-            Self::Absolute(f) => error_of(model, f, &ExactShepard, sender_levels, probe, progress),
-        }
+        either!(self, f => {
+            let reconstruction = &*f.reconstruction;
+            let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
+            estimate_error(model, &sender, &f.indirect, &*f.display, probe, progress)
+        })
     }
 
     /// Indirect irradiance at every sample of a G-buffer; `display` must not be a final gather.
@@ -175,6 +206,8 @@ impl Field {
         gbuffer: &GBuffer,
         progress: &dyn Progress,
     ) -> Result<(Vec<Rgb>, Coverage), Interrupted> {
+        // Functions that end where others take over cannot be splatted one by one.
+        let display = if self.variant() == Variant::Links { Display::Evaluate } else { display };
         let splatted = match (display, self) {
             (Display::Splat, Self::Delta(f)) => splat_delta(basis, &f.indirect, gbuffer, progress)?,
             (Display::Splat, Self::Absolute(f)) => splat_absolute(basis, &f.indirect, gbuffer, progress)?,
@@ -186,8 +219,8 @@ impl Field {
                 let threshold = 1e-5 * f.indirect.max_abs();
                 splat_flattened(basis, &flatten_absolute(basis, &f.indirect, threshold), gbuffer, progress)?
             }
-            (_, Self::Delta(f)) => return evaluate(basis, &f.indirect, &ExactShepard, gbuffer, progress),
-            (_, Self::Absolute(f)) => return evaluate(basis, &f.indirect, &ExactShepard, gbuffer, progress),
+            (_, Self::Delta(f)) => return evaluate(basis, &f.indirect, &*f.display, gbuffer, progress),
+            (_, Self::Absolute(f)) => return evaluate(basis, &f.indirect, &*f.display, gbuffer, progress),
         };
         Ok((splatted.irradiance, splatted.report.coverage))
     }
@@ -205,19 +238,6 @@ fn absolute_reconstruction(name: ReconstructionName) -> Box<dyn Reconstruction<A
         ReconstructionName::Shepard => Box::new(ExactShepard),
         ReconstructionName::Nearest => Box::new(ApproximateNearest),
     }
-}
-
-fn error_of<E>(
-    model: &Model<'_>,
-    field: &Encoded<E>,
-    display: &dyn Reconstruction<E>,
-    sender_levels: usize,
-    probe: ErrorProbe<'_>,
-    progress: &dyn Progress,
-) -> Result<ErrorEstimate, Interrupted> {
-    let total = field.direct.plus(&field.indirect);
-    let sender = Sender { coefficients: &total, reconstruction: &*field.reconstruction, n_levels: sender_levels };
-    estimate_error(model, &sender, &field.indirect, display, probe, progress)
 }
 
 /// The field at points on all levels, in parallel, in order.

@@ -1,10 +1,13 @@
 //! The stages that light a scene, in order.
 
 use hplt_basis::{BasisOptions, ShepardBasis};
-use hplt_geom::{Bvh, BvhOptions, OrientedPoint, Progress, Scene};
+use hplt_geom::{Bvh, BvhOptions, OrientedPoint, PointHierarchy, Progress, Scene};
 use hplt_sampling::random::Stage;
 use hplt_sampling::{HierarchyOptions, Regions, poisson_hierarchy, random_surface_points};
-use hplt_transport::{DirectLight, DirectOptions, ErrorProbe, Model, StopReason, direct_irradiance, project_direct};
+use hplt_transport::{
+    DirectLight, DirectOptions, ErrorProbe, Linked, Model, StopReason, direct_irradiance, project_direct,
+    transport_links,
+};
 
 use crate::estimate::Estimate;
 use crate::exit::{Exit, Failure};
@@ -13,6 +16,7 @@ use crate::load::LoadedScene;
 use crate::progress::Reporter;
 use crate::report::{LevelRow, RunReport};
 use crate::scene_hash::scene_hash;
+use crate::sections::Variant;
 use crate::settings::Settings;
 use crate::values::{Radius, human_bytes};
 
@@ -116,11 +120,17 @@ impl<'r> Run<'r> {
         let reporter = self.reporter;
         let settings = self.settings;
         let bvh = self.build_bvh(scene);
-        let options = hierarchy_options(settings);
+        let mut options = hierarchy_options(settings);
+        if settings.variant == Variant::Links {
+            options.n_levels = 1;
+        }
         let hierarchy = self.stage("points", |_| poisson_hierarchy(scene, &bvh, &options, reporter));
         let hierarchy = hierarchy.map_err(sampling_failure)?;
         self.enter_hierarchy(&hierarchy.report);
         let regions = hierarchy.regions;
+        if settings.variant == Variant::Links {
+            return self.link(scene, bvh, regions, hierarchy.points);
+        }
         let basis = self.stage("basis", |_| ShepardBasis::build(hierarchy.points, BasisOptions::default()));
         self.report.enter_memory("points, trees, parents", basis.memory());
         self.report.enter_memory("regions", regions.memory());
@@ -149,6 +159,36 @@ impl<'r> Run<'r> {
         Ok(lit)
     }
 
+    /// Lights a scene by links, from the coarsest level on.
+    fn link<'s>(
+        &mut self,
+        scene: &'s Scene,
+        bvh: Bvh,
+        regions: Regions,
+        coarsest: PointHierarchy,
+    ) -> Result<Lit<'s>, Failure> {
+        let (settings, reporter) = (self.settings, self.reporter);
+        let options = settings.links();
+        let lights =
+            DirectLight::new(scene, DirectOptions { seed: options.seed, ..DirectOptions::projection() });
+        let linked =
+            self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;
+        self.report.enter_links(&linked, scene.frame().scale(), reporter.stop());
+        let Linked { basis, direct, indirect, .. } = linked;
+        self.report.enter_memory("points, trees, parents", basis.memory());
+        self.report.enter_memory("regions", regions.memory());
+        let field = Field::linked(direct, indirect, settings.reconstruction);
+        self.report.enter_memory("coefficients", field.memory());
+        let is_cut_short = self.report.stop == "time-limit" || self.report.stop == "interrupted";
+        let lit = Lit { scene, bvh, regions, basis, field, is_cut_short };
+        if self.report.stop == "no-light" {
+            self.warn_about(&StopReason::NoLight);
+        } else if !is_cut_short {
+            self.measure_error(&lit)?;
+        }
+        Ok(lit)
+    }
+
     /// Measures the error at random points with fresh rays. A stop while doing so only leaves the error out.
     fn measure_error(&mut self, lit: &Lit<'_>) -> Result<(), Failure> {
         let settings = self.settings;
@@ -158,7 +198,7 @@ impl<'r> Run<'r> {
             let points = random_surface_points(lit.scene, &lit.bvh, &lit.regions, ERROR_POINTS, seed);
             let lights = DirectLight::new(lit.scene, DirectOptions { seed, ..DirectOptions::measurement() });
             let direct = direct_irradiance(&lights, &lit.bvh, &points, Stage::Error, reporter)?;
-            let probe = ErrorProbe { points: &points, direct: &direct, n_rays: ERROR_RAYS, seed };
+            let probe = ErrorProbe { points: &points, direct: &direct, light: &lights, n_rays: ERROR_RAYS, seed };
             lit.field.error(&lit.model(), settings.transport.sender_levels, probe, reporter)
         });
         match measured {

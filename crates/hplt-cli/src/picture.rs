@@ -82,12 +82,13 @@ fn shade_indirect(
 ) -> Result<Vec<Rgb>, Failure> {
     let settings = run.settings;
     if settings.display == Display::FinalGather && !lit.is_cut_short {
-        let contact_light = DirectLight::new(lit.scene, DirectOptions::one_sample());
+        let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
         let options = FinalGatherOptions {
             n_rays: settings.gather_rays,
             stage: Stage::FinalGather,
             seed: settings.transport.seed,
-            contact_light: Some(&contact_light),
+            light: &light,
+            contact: 1.0,
         };
         let levels = settings.transport.sender_levels;
         let gathered = lit.field.gather(&lit.model(), levels, &gbuffer.queries(), options, progress)?;

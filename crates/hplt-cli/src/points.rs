@@ -123,12 +123,13 @@ fn light_at(
     let indirect = run.stage("indirect light of points", |_| {
         let (mut indirect, _) = lit.field.indirect_at(&lit.basis, points);
         let receivers: Vec<OrientedPoint> = gathered.iter().map(|&i| points[i]).collect();
-        let contact_light = DirectLight::new(lit.scene, DirectOptions::one_sample());
+        let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
         let options = FinalGatherOptions {
             n_rays: final_gather.unwrap_or(AIR_RAYS),
             stage: Stage::FinalGather,
             seed: transport.seed,
-            contact_light: Some(&contact_light),
+            light: &light,
+            contact: 1.0,
         };
         let found = lit.field.gather(&lit.model(), transport.sender_levels, &receivers, options, progress)?;
         gathered.iter().zip(found).for_each(|(&i, g)| indirect[i] = g.irradiance);

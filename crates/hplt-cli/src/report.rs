@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use hplt_transport::{BounceReport, ErrorEstimate, StopReason, TransportReport};
+use hplt_transport::{BounceReport, ErrorEstimate, Linked, SolveStop, StopReason, TransportReport};
 use serde::Serialize;
 
 use crate::config::Config;
@@ -38,6 +38,9 @@ pub struct RunReport {
     pub reachable: Option<f64>,
     /// Bounces in order.
     pub bounces: Vec<BounceRow>,
+    /// What linking did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub links: Option<LinkRow>,
     /// Bound on the relative error left by bounces that were not computed.
     pub truncation_bound: Option<f64>,
     /// Largest row sum of the transport operator.
@@ -57,6 +60,27 @@ pub struct RunReport {
     pub more: serde_json::Map<String, serde_json::Value>,
     /// All effective values.
     pub settings: Config,
+}
+
+/// What linking did.
+#[derive(Debug, Clone, Serialize)]
+pub struct LinkRow {
+    /// Functions, and those that were refined, per level.
+    pub levels: Vec<[u64; 2]>,
+    /// Seconds per level.
+    pub seconds: Vec<f64>,
+    /// Gather rays.
+    pub rays: u64,
+    /// Gather rays that left the scene.
+    pub escaped: u64,
+    /// Hits without a function.
+    pub uncovered: u64,
+    /// Entries of the transport operator.
+    pub links: u64,
+    /// Products with it in the last solve.
+    pub sweeps: usize,
+    /// The residual after each, relative to the largest direct irradiance.
+    pub residuals: Vec<f32>,
 }
 
 /// A stage and its time.
@@ -157,6 +181,37 @@ impl RunReport {
         self.converged = report.is_converged() || (report.stop == StopReason::MaxBounces && !must_converge);
     }
 
+    /// Enters what links found; `scale` is the length of a scene unit.
+    pub fn enter_links(&mut self, linked: &Linked, scale: f64, stopped: Option<Stop>) {
+        let report = &linked.report;
+        let levels = linked.basis.hierarchy().levels.iter();
+        self.levels = levels
+            .map(|l| LevelRow { points: l.points.len(), radius: f64::from(l.poisson_radius) * scale })
+            .collect();
+        self.truncation_bound = Some(f64::from(report.solve.bound));
+        let row_sum = report.solve.components.iter().map(|c| c.max_row_sum.max_element()).fold(0.0, f32::max);
+        self.max_row_sum = Some(f64::from(row_sum));
+        self.stop = match (report.is_cut_short, report.solve.stop) {
+            (true, _) | (_, SolveStop::Interrupted) if stopped == Some(Stop::TimeLimit) => "time-limit",
+            (true, _) | (_, SolveStop::Interrupted) => "interrupted",
+            (_, SolveStop::NoLight) => "no-light",
+            (_, SolveStop::Converged) => "converged",
+            (_, SolveStop::MaxSweeps | SolveStop::Rounding) => "max-bounces",
+        };
+        self.converged = report.solve.is_converged() && !report.is_cut_short;
+        self.links = Some(LinkRow {
+            levels: report.levels.iter().map(|l| [l.functions, l.refined]).collect(),
+            seconds: report.levels.iter().map(|l| l.seconds).collect(),
+            rays: report.rays,
+            escaped: report.escaped,
+            uncovered: report.coverage.uncovered,
+            links: report.n_links,
+            sweeps: report.solve.sweeps,
+            residuals: report.solve.residual_history.clone(),
+        });
+        self.enter_memory("links", report.memory);
+    }
+
     /// Enters the time of a stage.
     pub fn enter_stage(&mut self, stage: &'static str, seconds: f64) {
         self.stages.push(StageTime { stage, seconds });
@@ -179,7 +234,12 @@ impl RunReport {
         }
         if !self.levels.is_empty() {
             say(&self.points_line());
-            say(&self.direct_line());
+            if self.links.is_none() {
+                say(&self.direct_line());
+            }
+        }
+        if let Some(links) = &self.links {
+            say(&self.links_line(links));
         }
         self.print_bounces(is_verbose);
         if let Some(line) = self.error_line() {
@@ -213,6 +273,17 @@ impl RunReport {
         format!("direct    {:<64} {:>7.2} s", "light straight from emitters, per point", self.time_of("direct light"))
     }
 
+    fn links_line(&self, links: &LinkRow) -> String {
+        let text = format!(
+            "{} rays, {} links, {} sweeps ({})",
+            human_count(links.rays),
+            human_count(links.links),
+            links.sweeps,
+            self.stop
+        );
+        format!("solve     {text:<64} {:>7.2} s", self.time_of("links"))
+    }
+
     fn print_bounces(&self, is_verbose: bool) {
         if self.bounces.is_empty() {
             return;
@@ -244,7 +315,7 @@ impl RunReport {
                 e.points
             );
         }
-        if let Some(bound) = self.truncation_bound.filter(|_| !self.bounces.is_empty()) {
+        if let Some(bound) = self.truncation_bound.filter(|_| !self.bounces.is_empty() || self.links.is_some()) {
             let bound = if bound.is_finite() { human_percent(bound) } else { "without bound".into() };
             let _ = write!(text, "{}bounces left out: {bound} at most", if text.is_empty() { "" } else { "; " });
         }

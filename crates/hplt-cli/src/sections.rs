@@ -161,6 +161,8 @@ pub enum Variant {
     Delta,
     /// The value itself on every level, push-down (V3)
     Absolute,
+    /// Rays traced once and kept as links, all bounces solved at once, functions only where they are needed
+    Links,
 }
 
 /// How senders are read.
@@ -243,7 +245,7 @@ macro_rules! named {
     };
 }
 
-named!(Variant: Delta = "delta", Absolute = "absolute");
+named!(Variant: Delta = "delta", Absolute = "absolute", Links = "links");
 named!(ReconstructionName: Shepard = "shepard", Nearest = "nearest");
 
 macro_rules! layered {

@@ -2,7 +2,7 @@
 
 use hplt_geom::BuildPolicy;
 use hplt_io::{LightUnit, LoadOptions};
-use hplt_transport::{Threshold, TransportOptions};
+use hplt_transport::{LinkOptions, SolveOptions, Threshold, TransportOptions};
 
 use crate::args::Common;
 use crate::config::{Config, with_origins};
@@ -98,7 +98,7 @@ impl Settings {
         Self {
             load: load_options(&config.scene),
             allow_empty: config.scene.allow_empty.unwrap_or(false),
-            variant: solve.variant.unwrap_or(Variant::Absolute),
+            variant: solve.variant.unwrap_or(Variant::Links),
             reconstruction: solve.reconstruction.unwrap_or(ReconstructionName::Nearest),
             levels: solve.levels.unwrap_or(levels),
             radius: solve.radius.unwrap_or(radius),
@@ -114,16 +114,39 @@ impl Settings {
     }
 }
 
+impl Settings {
+    /// How links are made.
+    pub fn links(&self) -> LinkOptions {
+        let solve = SolveOptions { tolerance: self.transport.tolerance, ..SolveOptions::default() };
+        LinkOptions {
+            seed: self.transport.seed,
+            n_rays: self.transport.n_rays,
+            n_levels: self.levels,
+            threshold: self.transport.threshold,
+            solve,
+            ..LinkOptions::production()
+        }
+    }
+}
+
 /// The values of a preset, for a variant that may be another than its own.
 fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
-    let transport = transport_options(preset);
-    let (levels, radius) = default_hierarchy();
-    let variant = variant.unwrap_or(if preset == Preset::Slides { Variant::Delta } else { Variant::Absolute });
+    let mut transport = transport_options(preset);
+    let (mut levels, radius) = default_hierarchy();
+    let variant = variant.unwrap_or(if preset == Preset::Slides { Variant::Delta } else { Variant::Links });
+    if variant == Variant::Links {
+        let links = if preset == Preset::Preview { LinkOptions::preview() } else { LinkOptions::production() };
+        transport.n_rays = links.n_rays;
+        if preset != Preset::Slides {
+            transport.threshold = links.threshold;
+            levels = links.n_levels;
+        }
+    }
     // As in the two published versions, but that what is kept is read exactly: nearest neighbours are biased at the rim of
     // shadows. Read level by level, as the delta encoding does, they need not converge.
     let reconstruction = match (variant, preset) {
         (Variant::Delta, _) | (Variant::Absolute, Preset::Production) => ReconstructionName::Shepard,
-        (Variant::Absolute, _) => ReconstructionName::Nearest,
+        (Variant::Absolute | Variant::Links, _) => ReconstructionName::Nearest,
     };
     // Through its shortest decimal form, so that 1e-3 does not become 0.0010000000474974513.
     let tolerance = transport.tolerance.to_string().parse::<f64>().ok().filter(|t| *t > 0.0);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use hplt_basis::{BasisOptions, ShepardBasis};
 use hplt_geom::glam::Vec3;
-use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene, Slab};
+use hplt_geom::{Extent, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene};
 use hplt_io::{Limits, Section, SectionData, SolutionFile, read_solution};
 use hplt_sampling::Regions;
 
@@ -35,8 +35,10 @@ pub fn to_file(run: &Run<'_>, lit: &Lit<'_>) -> SolutionFile {
         push(format!("level{l}.position"), vectors(|p| p.position));
         push(format!("level{l}.normal"), vectors(|p| p.normal));
         push(format!("level{l}.area"), SectionData::F32(points.iter().map(|p| p.area).collect()));
-        let slab = |p: &OrientedPoint| [p.slab.below, p.slab.above];
-        push(format!("level{l}.slab"), SectionData::F32(points.iter().flat_map(slab).collect()));
+        let extents = points.iter().flat_map(|p| extent_to_floats(&p.extent));
+        push(format!("level{l}.extent"), SectionData::F32(extents.collect()));
+        let flags = level.is_refined.iter().map(|&r| u32::from(r));
+        push(format!("level{l}.refined"), SectionData::U32(flags.collect()));
         push(format!("level{l}.region"), SectionData::U32(points.iter().map(|p| p.region.0).collect()));
         push(format!("level{l}.direct"), SectionData::F32(flat(direct.iter().copied())));
         push(format!("level{l}.indirect"), SectionData::F32(flat(indirect.iter().copied())));
@@ -118,6 +120,19 @@ fn enter(run: &mut Run<'_>, file: &SolutionFile, basis: &ShepardBasis, scale: f6
     }
 }
 
+/// Numbers of an extent in a file: below, above, and the inverse depths.
+const EXTENT_FLOATS: usize = 2 + N_SECTORS;
+
+fn extent_to_floats(extent: &Extent) -> Vec<f32> {
+    [&[extent.below, extent.above][..], &extent.inverse_depths].concat()
+}
+
+fn extent_from_floats(floats: &[f32]) -> Extent {
+    let mut inverse_depths = [0.0; N_SECTORS];
+    inverse_depths.copy_from_slice(&floats[2..]);
+    Extent { below: floats[0], above: floats[1], inverse_depths }
+}
+
 type ReadLevel = (PointLevel, Vec<Rgb>, Vec<Rgb>);
 
 fn read_level(
@@ -127,13 +142,15 @@ fn read_level(
     refuse: &impl Fn(String) -> Failure,
 ) -> Result<ReadLevel, Failure> {
     let floats = |what: &str| file.floats(&format!("level{l}.{what}"));
-    let [radius, area, slab] = [floats("radius")?, floats("area")?, floats("slab")?];
+    let [radius, area, extent] = [floats("radius")?, floats("area")?, floats("extent")?];
     let [position, normal, direct, indirect] =
         [floats("position")?, floats("normal")?, floats("direct")?, floats("indirect")?];
     let region = file.integers(&format!("level{l}.region"))?;
     let n = region.len();
+    let is_refined: Vec<bool> = file.integers(&format!("level{l}.refined"))?.iter().map(|&r| r != 0).collect();
     let vectors_fit = [position, normal, direct, indirect].iter().all(|v| v.len() == 3 * n);
-    let fits = radius.len() == 1 && area.len() == n && slab.len() == 2 * n && vectors_fit;
+    let flags_fit = is_refined.is_empty() || is_refined.len() == n;
+    let fits = flags_fit && radius.len() == 1 && area.len() == n && extent.len() == EXTENT_FLOATS * n && vectors_fit;
     if !fits {
         return Err(refuse(format!("level {l}: sections of different lengths; expected {n} points in each")));
     }
@@ -141,9 +158,11 @@ fn read_level(
     if all.iter().any(|v| v.iter().any(|x| !x.is_finite())) || radius[0] <= 0.0 {
         return Err(refuse(format!("level {l}: a number is not finite, or the radius not above 0")));
     }
-    // A slab is open, that is infinite, where nothing is above or below.
-    if let Some(bad) = slab.iter().find(|s| s.is_nan() || **s <= 0.0) {
-        return Err(refuse(format!("level {l}: a slab reaches to {bad}; expected a number above 0")));
+    let extents: Vec<Extent> = extent.chunks_exact(EXTENT_FLOATS).map(extent_from_floats).collect();
+    // Heights are infinite where nothing is above or below.
+    let is_good = |e: &Extent| e.below > 0.0 && e.above > 0.0 && e.inverse_depths.iter().all(|d| *d >= 0.0 && d.is_finite());
+    if let Some(bad) = extents.iter().position(|e| !is_good(e)) {
+        return Err(refuse(format!("level {l}: extent {bad} is {:?}; expected lengths above 0", extents[bad])));
     }
     if let Some(bad) = region.iter().find(|&&r| r >= n_regions) {
         return Err(refuse(format!("level {l}: region {bad}; expected less than {n_regions}")));
@@ -158,9 +177,9 @@ fn read_level(
         normal: normals[i],
         region: RegionId(region[i]),
         area: area[i],
-        slab: Slab { below: slab[2 * i], above: slab[2 * i + 1] },
+        extent: extents[i],
     });
-    let level = PointLevel { poisson_radius: radius[0], points: points.collect() };
+    let level = PointLevel { is_refined, ..PointLevel::new(radius[0], points.collect()) };
     Ok((level, vectors(direct), vectors(indirect)))
 }
 

@@ -44,7 +44,7 @@ pub use image::Image;
 pub use light::{Light, LightShape};
 pub use material::{AlphaMask, Material, MaterialId, Sides, TextureSlot};
 pub use mesh::{Mesh, TriangleId};
-pub use point::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Slab};
+pub use point::{Extent, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId};
 pub use progress::{Interrupted, NoProgress, Progress};
 pub use radiometry::Rgb;
 pub use ray::{Hit, Ray, RayCaster, offset_origin};

@@ -12,29 +12,70 @@ impl RegionId {
     pub const DARK: Self = Self(u32::MAX);
 }
 
-/// Heights along a point's normal between which surface counts as the same layer as the point's own: half-way to the next
-/// surface above and below. It keeps parallel layers that face the same way apart: a lamp and the ceiling that it hangs
-/// under, the folds of a curtain, the pages of a book. Scene units.
+/// Directions in the tangent plane along which [`Extent`] is measured: every 45°, from the first tangent on.
+pub const N_SECTORS: usize = 8;
+
+/// How far the surface around a point counts as the point's own, seen from the point. Scene units.
+///
+/// Along the normal it is a layer, half-way to the next surface above and below: that keeps parallel layers that face the
+/// same way apart, a lamp and the ceiling that it hangs under, the folds of a curtain. In the tangent plane it is the
+/// star-shaped polygon through what short rays just above the surface meet: a floor that runs on under a wall, or into a
+/// box that stands on it, ends there.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Slab {
+pub struct Extent {
     /// How far it reaches against the normal; positive.
     pub below: f32,
     /// How far it reaches along the normal; positive.
     pub above: f32,
+    /// One over the distance to what the ray along each sector direction meets; 0 where that is nothing.
+    pub inverse_depths: [f32; N_SECTORS],
 }
 
-impl Slab {
-    /// Every height.
-    pub const OPEN: Self = Self { below: f32::INFINITY, above: f32::INFINITY };
+impl Extent {
+    /// Everywhere.
+    pub const OPEN: Self = Self { below: f32::INFINITY, above: f32::INFINITY, inverse_depths: [0.0; N_SECTORS] };
 
-    /// Whether the slab reaches to `height`.
-    pub fn contains(&self, height: f32) -> bool {
-        -self.below <= height && height <= self.above
+    /// The directions of the sectors around a unit `normal`.
+    pub fn sector_directions(normal: Vec3) -> [Vec3; N_SECTORS] {
+        let (tangent, bitangent) = normal.any_orthonormal_pair();
+        let between = std::f32::consts::FRAC_1_SQRT_2;
+        let half = [tangent, between * (tangent + bitangent), bitangent, between * (bitangent - tangent)];
+        [half[0], half[1], half[2], half[3], -half[0], -half[1], -half[2], -half[3]]
+    }
+
+    /// Whether `offset` from the point, whose unit normal is `normal`, is inside.
+    #[inline]
+    pub fn contains(&self, offset: Vec3, normal: Vec3) -> bool {
+        let height = offset.dot(normal);
+        -self.below <= height && height <= self.above && self.is_in_sight(offset, normal)
+    }
+
+    #[inline]
+    fn is_in_sight(&self, offset: Vec3, normal: Vec3) -> bool {
+        if self.inverse_depths.iter().fold(0.0, |largest: f32, d| largest.max(*d)) == 0.0 {
+            return true;
+        }
+        let (tangent, bitangent) = normal.any_orthonormal_pair();
+        let (x, y) = (offset.dot(tangent), offset.dot(bitangent));
+        let along_x = if x >= 0.0 { 0 } else { 4 };
+        let along_y = if y >= 0.0 { 2 } else { 6 };
+        let diagonal = match (x >= 0.0, y >= 0.0) {
+            (true, true) => 1,
+            (false, true) => 3,
+            (false, false) => 5,
+            (true, false) => 7,
+        };
+        // The offset as a sum of steps along the two directions beside it; the chord between the ends of those two rays is
+        // where the steps, each over its ray's length, add up to one.
+        let (x, y) = (x.abs(), y.abs());
+        let (axis, long, short) = if x >= y { (along_x, x, y) } else { (along_y, y, x) };
+        let step = std::f32::consts::SQRT_2 * short;
+        (long - short) * self.inverse_depths[axis] + step * self.inverse_depths[diagonal] <= 1.0
     }
 }
 
-/// A point on one side of the surface. 40 bytes, scene space.
+/// A point on one side of the surface. 72 bytes, scene space.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct OrientedPoint {
@@ -46,14 +87,14 @@ pub struct OrientedPoint {
     pub region: RegionId,
     /// The area of surface that the point stands for, scene units squared; 0 where that has no meaning.
     pub area: f32,
-    /// What belongs to the point's own layer; of no meaning for a query.
-    pub slab: Slab,
+    /// The surface around that is the point's own; of no meaning for a query.
+    pub extent: Extent,
 }
 
 impl OrientedPoint {
-    /// A point that stands for no area, its slab open: a query, or a function still to be measured.
+    /// A point that stands for no area, its extent open: a query, or a function still to be measured.
     pub const fn new(position: Vec3, normal: Vec3, region: RegionId) -> Self {
-        Self { position, normal, region, area: 0.0, slab: Slab::OPEN }
+        Self { position, normal, region, area: 0.0, extent: Extent::OPEN }
     }
 
     /// The same point, standing for `area` of surface.
@@ -61,11 +102,12 @@ impl OrientedPoint {
         Self { area, ..self }
     }
 
-    /// Whether `other` is in the same region, on the same side and in the same layer.
+    /// Whether `other` is in the same region, on the same side and within the extent of this point.
+    #[inline]
     pub fn is_continued_at(&self, other: &Self) -> bool {
         self.region == other.region
             && self.normal.dot(other.normal) > 0.0
-            && self.slab.contains((other.position - self.position).dot(self.normal))
+            && self.extent.contains(other.position - self.position, self.normal)
     }
 }
 
@@ -76,6 +118,20 @@ pub struct PointLevel {
     pub poisson_radius: f32,
     /// The points, in a spatially coherent order.
     pub points: Vec<OrientedPoint>,
+    /// Whether the next finer level covers the surroundings of each point; empty when it covers everything.
+    pub is_refined: Vec<bool>,
+}
+
+impl PointLevel {
+    /// A level whose every point the next finer level, if any, covers.
+    pub const fn new(poisson_radius: f32, points: Vec<OrientedPoint>) -> Self {
+        Self { poisson_radius, points, is_refined: Vec::new() }
+    }
+
+    /// Whether the next finer level covers the surroundings of point `i`.
+    pub fn is_refined(&self, i: u32) -> bool {
+        self.is_refined.get(i as usize).copied().unwrap_or(true)
+    }
 }
 
 /// Levels of points over the reachable surface, coarsest first, radii halving from level to level.

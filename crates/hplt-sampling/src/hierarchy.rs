@@ -9,7 +9,7 @@ use crate::poisson::Level;
 use crate::random::Stage;
 use crate::report::{HierarchyReport, Warning};
 use crate::surface::SideSampler;
-use crate::visibility::slab_of;
+use crate::visibility::extent_of;
 use crate::{Error, Regions};
 
 /// Fresh points that measure the coverage.
@@ -128,7 +128,8 @@ fn throw_all(
             let mut level = cells[cells.len() - 1 - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             for batch in &batches {
                 progress.check()?;
-                level.throw(candidates, batch, |point| slab_of(caster, point));
+                let support = 2.0 * level.radius();
+                level.throw(candidates, batch, |point| extent_of(caster, point, support));
             }
             level.settle();
             progress.advance(STAGE, i as u64 + 1, cells.len() as u64);
@@ -171,7 +172,7 @@ fn finish(levels: Vec<Level>, candidates: &Candidates<'_>, plan: &LevelPlan) -> 
         keys.iter().map(|&(_, i)| points[i as usize]).collect::<Vec<_>>()
     };
     let together = levels.into_iter().zip(&areas).zip(&plan.radii);
-    together.map(|((level, areas), &r)| PointLevel { poisson_radius: r, points: in_order(level, areas) }).collect()
+    together.map(|((level, areas), &r)| PointLevel::new(r, in_order(level, areas))).collect()
 }
 
 /// For each point of a level the number of uniform candidates that it is the nearest of; all candidates, or on coarse

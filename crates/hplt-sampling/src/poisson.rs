@@ -1,7 +1,7 @@
 //! One maximal Poisson-disk level, by dart throwing in a fixed order.
 
 use glam::{IVec3, Vec3};
-use hplt_geom::{OrientedPoint, Slab, parallel};
+use hplt_geom::{Extent, OrientedPoint, parallel};
 
 /// The least cosine between the normals of a point and of one that rejects it.
 pub const MIN_REJECTION_COSINE: f32 = 0.5;
@@ -82,6 +82,11 @@ impl Level {
         self.last.fill(NONE);
     }
 
+    /// The Poisson radius, scene units.
+    pub(crate) fn radius(&self) -> f32 {
+        self.radius
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.points.len()
     }
@@ -89,12 +94,12 @@ impl Level {
     /// Accepts or rejects candidates, lower index first. `order` lists the indices of one batch, ascending or not; the
     /// nearer its neighbours are to each other, the faster.
     ///
-    /// `slab_of` measures the layer of a point that may be accepted.
+    /// `extent_of` measures the surroundings of a point that may be accepted.
     pub(crate) fn throw(
         &mut self,
         candidates: &[OrientedPoint],
         order: &[u32],
-        slab_of: impl Fn(&OrientedPoint) -> Slab + Sync + Send,
+        extent_of: impl Fn(&OrientedPoint) -> Extent + Sync + Send,
     ) {
         self.settle();
         // Most are rejected by what earlier batches left; what is not is settled in order.
@@ -110,11 +115,11 @@ impl Level {
         );
         let mut open = open.concat();
         open.sort_unstable();
-        let slabs = parallel::map(open.len(), || (), |(), k| slab_of(&candidates[open[k] as usize]));
-        for (i, slab) in open.into_iter().zip(slabs) {
+        let extents = parallel::map(open.len(), || (), |(), k| extent_of(&candidates[open[k] as usize]));
+        for (i, extent) in open.into_iter().zip(extents) {
             let candidate = &candidates[i as usize];
             if !self.rejects(candidate) {
-                self.insert(&OrientedPoint { slab, ..*candidate });
+                self.insert(&OrientedPoint { extent, ..*candidate });
             }
         }
     }
@@ -275,7 +280,7 @@ mod tests {
         for radius in [0.02f32, 0.07, 0.5] {
             let mut level = Level::new(radius, 100);
             for (start, end) in [(0, 700), (700, 5_000), (5_000, 20_000)] {
-                level.throw(&candidates, &(start..end).rev().collect::<Vec<_>>(), |_| Slab::OPEN);
+                level.throw(&candidates, &(start..end).rev().collect::<Vec<_>>(), |_| Extent::OPEN);
             }
             level.settle();
             let weight = |candidate: &OrientedPoint| {
@@ -301,7 +306,7 @@ mod tests {
     fn the_nearest_is_the_nearest() {
         let candidates = candidates(3_000);
         let mut level = Level::new(0.1, 10);
-        level.throw(&candidates, &(0..3_000).collect::<Vec<_>>(), |_| Slab::OPEN);
+        level.throw(&candidates, &(0..3_000).collect::<Vec<_>>(), |_| Extent::OPEN);
         for candidate in &candidates {
             let distances = level.points.iter().map(|p| rejection_distance_squared(p, candidate));
             let least = distances.fold(f32::INFINITY, f32::min);

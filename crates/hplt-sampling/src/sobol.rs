@@ -21,3 +21,12 @@ pub fn sobol_2d(index: u32, seed_hash: u32, pair: u32) -> Vec2 {
     let [x, y, ..] = sample_4d(index % BLOCK_SIZE, 0, seed);
     Vec2::new(x, y)
 }
+
+/// Point `index` of a four-dimensional Owen-scrambled Sobol sequence in `[0, 1)⁴`. The first two coordinates are those of
+/// [`sobol_2d`] with pair 0; the other two come at no cost and are stratified together with them, though not in every
+/// elementary interval.
+pub fn sobol_4d(index: u32, seed_hash: u32) -> [f32; 4] {
+    let block = index / BLOCK_SIZE;
+    let seed = if block == 0 { seed_hash } else { pcg4d([seed_hash, block, 0, 0])[0] };
+    sample_4d(index % BLOCK_SIZE, 0, seed)
+}

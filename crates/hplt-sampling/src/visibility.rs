@@ -1,10 +1,15 @@
 //! Short visible paths between neighbouring points of a surface.
 
 use glam::Vec3;
-use hplt_geom::{OrientedPoint, Ray, RayCaster, Slab, offset_origin};
+use hplt_geom::{Extent, OrientedPoint, Ray, RayCaster, offset_origin};
 
 /// Twice the least distance, scene units, by which `offset_origin` lifts a point, and more: paths stay above that.
 const CLEARANCE: f32 = 3.0 / 65_536.0;
+
+/// Height of sight lines over the support.
+const LIFT: f32 = 0.05;
+/// How far sight lines go, in supports: beyond the corners of the polygon that they span.
+const SIGHT: f32 = 1.5;
 
 /// A position and the unit normal of the side that is meant.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,13 +18,22 @@ pub(crate) struct Oriented {
     pub normal: Vec3,
 }
 
-/// The layer that a point belongs to: half-way to what is next above and below it along its normal. Two rays.
-pub(crate) fn slab_of(caster: &dyn RayCaster, point: &OrientedPoint) -> Slab {
+/// The surface around a point that is its own as far as functions of support `support` can tell: ten rays. Those in the
+/// tangent plane start [`LIFT`] times the support above it, so that what is lower does not end the surface.
+pub(crate) fn extent_of(caster: &dyn RayCaster, point: &OrientedPoint, support: f32) -> Extent {
     let half_free = |direction: Vec3| {
         let t = caster.nearest(Ray::new(offset_origin(point.position, direction), direction)).t;
         (0.5 * t).max(CLEARANCE)
     };
-    Slab { below: half_free(-point.normal), above: half_free(point.normal) }
+    let (below, above) = (half_free(-point.normal), half_free(point.normal));
+    let lift = (LIFT * support).min(0.5 * above);
+    let origin = offset_origin(point.position, point.normal) + lift * point.normal;
+    let reach = SIGHT * support;
+    let inverse_depths = Extent::sector_directions(point.normal).map(|direction| {
+        let hit = caster.nearest(Ray { origin, direction, t_max: reach });
+        if hit.is_miss() { 0.0 } else { 1.0 / hit.t.max(CLEARANCE) }
+    });
+    Extent { below, above, inverse_depths }
 }
 
 /// Whether light can go from just above `a` to just above `b` by way of a point above their middle, `slope` times their

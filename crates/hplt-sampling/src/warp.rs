@@ -46,9 +46,15 @@ fn sin_cos_octant(x: f32) -> (f32, f32) {
 /// A unit direction about the unit vector `normal`, with the density of [`cosine_hemisphere_pdf_solid_angle`] (Malley's
 /// method). Its cosine is at least [`MIN_COSINE`].
 pub fn cosine_hemisphere(u: Vec2, normal: Vec3) -> Vec3 {
+    cosine_hemisphere_in(u, &orthonormal_basis(normal))
+}
+
+/// As [`cosine_hemisphere`], about the third column of `basis`: for many directions about one normal.
+#[inline]
+pub fn cosine_hemisphere_in(u: Vec2, basis: &Mat3) -> Vec3 {
     let disc = concentric_disc(u);
     let z = (1.0 - disc.length_squared()).max(0.0).sqrt().max(MIN_COSINE);
-    orthonormal_basis(normal) * disc.extend(z)
+    *basis * disc.extend(z)
 }
 
 /// The density of [`cosine_hemisphere`] per steradian: `cosθ/π`, 0 below the horizon.

@@ -11,6 +11,7 @@ use hplt_sampling::{sobol, warp};
 use crate::Model;
 use crate::emitters::{Emitter, Emitters};
 use crate::gather::Counter;
+use crate::next_event::from_point;
 use crate::sky::SkySampler;
 
 /// How light that comes straight from emissive surfaces and the sky is found.
@@ -63,9 +64,9 @@ impl DirectOptions {
 /// The light sources of a scene, prepared for sampling.
 #[derive(Debug, Clone)]
 pub struct DirectLight<'s> {
-    scene: &'s Scene,
-    emitters: Emitters,
-    sky: Option<SkySampler>,
+    pub(crate) scene: &'s Scene,
+    pub(crate) emitters: Emitters,
+    pub(crate) sky: Option<SkySampler>,
     options: DirectOptions,
     by_hemisphere: bool,
 }
@@ -312,15 +313,7 @@ impl PointSampler<'_> {
     fn light(&self, caster: &dyn RayCaster, light: &Light, index: u32, shadows: &mut Shadows) -> DVec3 {
         shadows.clear();
         let OrientedPoint { position, normal, .. } = *self.point;
-        let from_point = |at: Vec3, intensity: Rgb| {
-            let to = at - position;
-            let distance_squared = to.length_squared();
-            if distance_squared > 0.0 {
-                intensity * (normal.dot(to).max(0.0) / (distance_squared * distance_squared.sqrt()))
-            } else {
-                Rgb::ZERO
-            }
-        };
+        let from_point = |at: Vec3, intensity: Rgb| from_point(self.point, at, intensity);
         match light.shape {
             LightShape::Point { position: at, intensity } => {
                 shadows.push(Ray::segment(self.origin, at), from_point(at, intensity));
@@ -352,7 +345,6 @@ impl PointSampler<'_> {
 
     /// The mean over cosine-distributed rays of the exitance that they hit, or `π` times the radiance of the sky.
     fn hemisphere(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
-        let scene = self.light.scene;
         let n = self.light.options.sky_samples;
         let scramble = self.seeds.of(4, 0);
         shadows.rays.clear();
@@ -364,12 +356,7 @@ impl PointSampler<'_> {
         caster.trace_nearest(&shadows.rays, &mut shadows.hits);
         let mut sum = DVec3::ZERO;
         for (ray, hit) in shadows.rays.iter().zip(&shadows.hits) {
-            sum += match (hit.is_miss(), scene.environment()) {
-                (false, _) => scene.exitance(&scene.surface_at(hit)),
-                (true, Some(environment)) => irradiance_from_uniform_radiance(environment.radiance(ray.direction)),
-                (true, None) => Rgb::ZERO,
-            }
-            .as_dvec3();
+            sum += self.light.seen(ray, hit).as_dvec3();
         }
         sum / f64::from(n)
     }

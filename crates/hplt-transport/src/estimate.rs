@@ -3,7 +3,7 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{FinalGatherOptions, Model, Sender, final_gather};
+use crate::{DirectLight, FinalGatherOptions, Model, Sender, final_gather};
 
 /// How far a solution is from its own gather, at points that are no functions. Relative to the total irradiance there, by
 /// luminance, with a floor of 1 % of the mean.
@@ -26,6 +26,8 @@ pub struct ErrorProbe<'a> {
     pub points: &'a [OrientedPoint],
     /// The direct irradiance there.
     pub direct: &'a [Rgb],
+    /// Sampled where the rays land.
+    pub light: &'a DirectLight<'a>,
     /// Fresh rays per point; a power of two.
     pub n_rays: u32,
     /// Seed of the rays.
@@ -34,8 +36,9 @@ pub struct ErrorProbe<'a> {
 
 /// Measures the interpolated solution against gathers of fresh rays.
 ///
-/// `sender` is the total (direct and indirect) irradiance, `indirect` the part that displays interpolate. The estimate does not see errors that interpolation and gather share: senders too coarse
-/// for a shadow, bounces left out ([`TransportReport::truncation_bound`](crate::TransportReport)).
+/// `sender` is the indirect irradiance as gathers read it, `indirect` the same as displays interpolate it with `reconstruction`. The
+/// estimate does not see errors that interpolation and gather share, bounces left out above all
+/// ([`TransportReport::truncation_bound`](crate::TransportReport)).
 ///
 /// # Errors
 /// When interrupted.
@@ -47,8 +50,8 @@ pub fn estimate_error<E>(
     probe: ErrorProbe<'_>,
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
-    let ErrorProbe { points, direct, n_rays, seed } = probe;
-    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, contact_light: None };
+    let ErrorProbe { points, direct, light, n_rays, seed } = probe;
+    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: 1.0 };
     let fresh = final_gather(model, sender, points, options, progress)?;
     let mut interpolated = vec![Rgb::ZERO; points.len()];
     reconstruction.reconstruct(model.basis, indirect, model.basis.n_levels(), points, &mut interpolated);

@@ -1,9 +1,10 @@
+use glam::Vec2;
 use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, offset_origin, parallel};
 use hplt_sampling::random::{Stage, Stream, unit_f32};
 use hplt_sampling::warp;
 
-use crate::direct::Shadows;
 use crate::gather::{Counter, GROUPS, Groups, Scratch, arrival, scramble};
+use crate::next_event::NextEvents;
 use crate::{DirectLight, Model, Sender};
 
 /// A path that keeps meeting surface this near ends by reading the field all the same after so many segments.
@@ -30,15 +31,15 @@ pub struct FinalGatherOptions<'a> {
     pub stage: Stage,
     /// Seed.
     pub seed: u64,
-    /// Where given, rays that meet surface nearer than the support of the finest sender level do not read the field, which is
-    /// too coarse to tell what happens at such a distance: they sample this light there and go on. Best with
-    /// [`DirectOptions::one_sample`](crate::DirectOptions::one_sample). Off in scenes lit by hemisphere.
-    pub contact_light: Option<&'a DirectLight<'a>>,
+    /// Sampled wherever a ray lands.
+    pub light: &'a DirectLight<'a>,
+    /// Rays that meet surface nearer than this, in supports of the functions there, do not read the field, which is too coarse
+    /// to tell what happens at such a distance: they go on. 0 never, 1 usually.
+    pub contact: f32,
 }
 
-/// The indirect irradiance at arbitrary points by a gather each over `sender`, the total (direct and indirect) irradiance.
-/// The error of the basis enters only after one more bounce, and, with a
-/// [`contact_light`](FinalGatherOptions::contact_light), only from far enough for it to be small.
+/// The indirect irradiance at arbitrary points by a gather each over `sender`, the *indirect* irradiance; direct light is sampled
+/// where rays land. The error of the basis enters only after two more bounces, and only from far enough for it to be small.
 ///
 /// # Errors
 /// When interrupted.
@@ -50,45 +51,37 @@ pub fn final_gather<E>(
     progress: &dyn Progress,
 ) -> Result<Vec<FinalGather>, Interrupted> {
     let counter = Counter::new(progress, "final gather", points.len());
-    let contact = options.contact_light.filter(|light| !light.is_by_hemisphere());
-    let gathering = Gathering { model, sender, options, contact, near: near_distance(model, sender) };
+    let n_levels = sender.n_levels.min(model.basis.n_levels());
+    let farthest_contact = if n_levels == 0 { 0.0 } else { options.contact * model.basis.support(0) };
+    let gathering = Gathering { model, sender, options, n_levels, farthest_contact };
     parallel::try_map(points.len(), Buffers::default, |buffers, i| {
         counter.step()?;
         Ok(gathering.point(&points[i], i as u32, buffers))
     })
 }
 
-/// The support of the finest sender level.
-fn near_distance<E>(model: &Model<'_>, sender: &Sender<'_, E>) -> f32 {
-    let n_levels = sender.n_levels.min(model.basis.n_levels());
-    n_levels.checked_sub(1).map_or(0.0, |finest| model.basis.support(finest))
-}
-
 #[derive(Default)]
 struct Buffers {
     scratch: Scratch,
-    shadows: Shadows,
-    paths: Vec<Path>,
+    events: NextEvents,
+    direct: Vec<Rgb>,
+    /// Where paths are now: arrival, ray of the receiver, product of the albedos so far.
+    at: Vec<OrientedPoint>,
+    ray: Vec<u32>,
+    samples: Vec<Vec2>,
+    throughput: Vec<Rgb>,
+    distance: Vec<f32>,
     rays: Vec<Ray>,
+    going_on: Vec<(u32, Rgb)>,
     hits: Vec<Hit>,
-}
-
-/// A ray that met surface nearby and goes on from there.
-#[derive(Clone, Copy)]
-struct Path {
-    /// The ray of the receiver that it began with.
-    ray: u32,
-    /// The product of the albedos so far.
-    throughput: Rgb,
-    at: OrientedPoint,
 }
 
 struct Gathering<'a, E> {
     model: &'a Model<'a>,
     sender: &'a Sender<'a, E>,
     options: FinalGatherOptions<'a>,
-    contact: Option<&'a DirectLight<'a>>,
-    near: f32,
+    n_levels: usize,
+    farthest_contact: f32,
 }
 
 impl<E> Gathering<'_, E> {
@@ -98,70 +91,90 @@ impl<E> Gathering<'_, E> {
         }
         let n_rays = self.options.n_rays.max(GROUPS as u32);
         let scramble = scramble(self.options.seed, self.options.stage, id);
-        let scratch = &mut buffers.scratch;
-        scratch.trace(self.model, receiver, scramble, n_rays);
-        buffers.paths.clear();
-        let mut escaped = 0;
-        for k in 0..n_rays {
-            let hit = scratch.hits[k as usize];
-            let begin = Path { ray: k, throughput: Rgb::ONE, at: *receiver };
-            if hit.is_miss() {
-                escaped += 1;
-            } else if let Some(path) = self.arrive(&begin, &hit, scratch, 0) {
-                buffers.paths.push(path);
-            }
-        }
+        buffers.scratch.trace(self.model, receiver, scramble, n_rays);
+        buffers.hits.clear();
+        buffers.hits.extend_from_slice(&buffers.scratch.hits);
+        let escaped = buffers.hits.iter().filter(|h| h.is_miss()).count() as u32;
+        buffers.going_on.clear();
+        buffers.going_on.extend((0..n_rays).map(|k| (k, Rgb::ONE)));
         let mut groups = Groups::new(n_rays);
         for segment in 1..=MAX_SEGMENTS {
-            if buffers.paths.is_empty() {
+            self.arrive(receiver.region, buffers);
+            if buffers.at.is_empty() {
                 break;
             }
-            self.advance(segment, id, buffers, &mut groups);
+            self.add_direct(id, segment, buffers, &mut groups);
+            self.read_or_go_on(id, segment, buffers);
         }
         buffers.scratch.read_queries(self.model, self.sender, &mut groups);
         let (irradiance, noise) = groups.mean_and_noise();
         FinalGather { irradiance, noise, escaped }
     }
 
-    /// What becomes of a path that meets surface: it goes on when that is near, else the field is to be read there.
-    fn arrive(&self, path: &Path, hit: &Hit, scratch: &mut Scratch, segment: u32) -> Option<Path> {
-        let surface = self.model.scene.surface_at(hit);
-        let throughput = path.throughput * self.model.scene.albedo(&surface);
-        if throughput == Rgb::ZERO {
-            return None;
+    /// Takes paths to what their rays hit.
+    fn arrive(&self, region: RegionId, buffers: &mut Buffers) {
+        let Buffers { at, ray, throughput, distance, going_on, hits, .. } = buffers;
+        at.clear();
+        ray.clear();
+        throughput.clear();
+        distance.clear();
+        for (&(k, before), hit) in going_on.iter().zip(hits.iter()) {
+            if hit.is_miss() {
+                continue;
+            }
+            let surface = self.model.scene.surface_at(hit);
+            let after = before * self.model.scene.albedo(&surface);
+            if after != Rgb::ZERO {
+                at.push(arrival(&surface, region));
+                ray.push(k);
+                throughput.push(after);
+                distance.push(hit.t);
+            }
         }
-        let at = arrival(&surface, path.at.region);
-        if self.contact.is_some() && hit.t < self.near && segment < MAX_SEGMENTS {
-            return Some(Path { throughput, at, ..*path });
-        }
-        scratch.push_query(path.ray, throughput, at);
-        None
     }
 
-    /// Lights all paths where they are and sends each on along one ray.
-    fn advance(&self, segment: u32, id: u32, buffers: &mut Buffers, groups: &mut Groups) {
-        let Buffers { scratch, shadows, paths, rays, hits } = buffers;
-        let Some(light) = self.contact else { return };
+    fn add_direct(&self, id: u32, segment: u32, buffers: &mut Buffers, groups: &mut Groups) {
+        let Buffers { scratch, events, direct, at, ray, samples, throughput, .. } = buffers;
+        let stream = Stream::new(self.options.seed, self.options.stage);
+        samples.clear();
+        samples.extend(ray.iter().map(|&k| match segment {
+            1 => scratch.second[k as usize],
+            _ => {
+                let [_, _, c, d] = stream.words(id, k, segment - 1);
+                Vec2::new(unit_f32(c), unit_f32(d))
+            }
+        }));
+        self.options.light.irradiance_once(self.model.caster, at, samples, events, direct);
+        for ((direct, throughput), &k) in direct.iter().zip(throughput.iter()).zip(ray.iter()) {
+            groups.add(k, *throughput * *direct);
+        }
+    }
+
+    /// Notes where the field is to be read, and casts the next ray of paths that met surface too near for that.
+    fn read_or_go_on(&self, id: u32, segment: u32, buffers: &mut Buffers) {
+        let Buffers { scratch, at, ray, throughput, distance, rays, going_on, hits, .. } = buffers;
         let stream = Stream::new(self.options.seed, self.options.stage);
         rays.clear();
-        for path in paths.iter() {
-            let [a, b, c, _] = stream.words(id, path.ray, segment);
-            let sample = (self.options.stage, c);
-            let direct = light.irradiance(self.model.caster, &path.at, sample, shadows);
-            groups.add(path.ray, path.throughput * direct);
-            let u = glam::Vec2::new(unit_f32(a), unit_f32(b));
-            let direction = warp::cosine_hemisphere(u, path.at.normal);
-            rays.push(Ray::new(offset_origin(path.at.position, path.at.normal), direction));
+        going_on.clear();
+        for i in 0..at.len() {
+            if segment == MAX_SEGMENTS || !self.is_contact(&at[i], distance[i]) {
+                scratch.push_query(ray[i], throughput[i], at[i]);
+                continue;
+            }
+            let [a, b, ..] = stream.words(id, ray[i], segment);
+            let direction = warp::cosine_hemisphere(Vec2::new(unit_f32(a), unit_f32(b)), at[i].normal);
+            rays.push(Ray::new(offset_origin(at[i].position, at[i].normal), direction));
+            going_on.push((ray[i], throughput[i]));
         }
         hits.clear();
         hits.resize(rays.len(), Hit::MISS);
         self.model.caster.trace_nearest(rays, hits);
-        let mut next = Vec::with_capacity(paths.len());
-        for (path, hit) in paths.iter().zip(hits.iter()) {
-            if !hit.is_miss() {
-                next.extend(self.arrive(path, hit, scratch, segment));
-            }
+    }
+
+    fn is_contact(&self, at: &OrientedPoint, distance: f32) -> bool {
+        distance < self.farthest_contact && {
+            let support = self.sender.reconstruction.support_at(self.model.basis, self.n_levels, at);
+            distance < self.options.contact * support
         }
-        *paths = next;
     }
 }

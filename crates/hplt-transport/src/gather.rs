@@ -1,6 +1,6 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use glam::DVec3;
+use glam::{DVec3, Vec2};
 use hplt_basis::{Coefficients, Coverage, Reconstruction, ShepardBasis};
 use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, SurfacePoint, offset_origin};
 use hplt_sampling::random::{Stage, hash};
@@ -46,6 +46,8 @@ pub(crate) struct Gathered {
 pub(crate) struct Scratch {
     pub rays: Vec<Ray>,
     pub hits: Vec<Hit>,
+    /// Two more coordinates of each ray's sample, for what is to be chosen where it lands.
+    pub second: Vec<Vec2>,
     queries: Vec<OrientedPoint>,
     weights: Vec<Rgb>,
     ray_of_query: Vec<u32>,
@@ -57,10 +59,13 @@ impl Scratch {
     pub fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
         let origin = offset_origin(receiver.position, receiver.normal);
         self.rays.clear();
-        self.rays.extend(
-            (0..n_rays)
-                .map(|k| Ray::new(origin, warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0), receiver.normal))),
-        );
+        self.second.clear();
+        let to_world = warp::orthonormal_basis(receiver.normal);
+        for k in 0..n_rays {
+            let [a, b, c, d] = sobol::sobol_4d(k, scramble);
+            self.rays.push(Ray::new(origin, warp::cosine_hemisphere_in(Vec2::new(a, b), &to_world)));
+            self.second.push(Vec2::new(c, d));
+        }
         self.hits.clear();
         self.hits.resize(self.rays.len(), Hit::MISS);
         model.caster.trace_nearest(&self.rays, &mut self.hits);

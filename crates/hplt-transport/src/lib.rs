@@ -27,10 +27,15 @@ mod error;
 mod estimate;
 mod final_gather;
 mod gather;
+mod links;
+mod next_event;
+mod operator;
 mod options;
 mod oracle;
 mod report;
 mod sky;
+mod solve;
+mod sparse;
 
 pub use absolute::transport_absolute;
 pub use delta::transport_delta;
@@ -39,6 +44,12 @@ pub use error::Error;
 pub use estimate::{ErrorEstimate, ErrorProbe, estimate_error};
 pub use final_gather::{FinalGather, FinalGatherOptions, final_gather};
 pub use gather::Sender;
+pub use links::{LinkOptions, LinkPrecision, LinkReport, Linked, LinkedLevel, transport_links};
+pub use operator::LinearOperator;
 pub use options::{Model, TransportOptions};
 pub use oracle::{Detail, Oracle, Threshold};
 pub use report::{BounceReport, Solution, StopReason, TransportReport};
+pub use solve::{
+    ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, Unknowns, solve, solve_many, solve_with_gain,
+};
+pub use sparse::SparseRows;

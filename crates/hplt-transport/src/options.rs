@@ -85,17 +85,9 @@ impl TransportOptions {
         if self.max_bounces == 0 {
             return fail("max_bounces", 0.0, "1 or more");
         }
-        let Threshold { absolute, relative, noise } = self.threshold;
-        for (name, value) in [
-            ("tolerance", self.tolerance),
-            ("threshold.absolute", absolute),
-            ("threshold.relative", relative),
-            ("threshold.noise", noise),
-        ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return fail(name, value.into(), "a finite number, 0 or more");
-            }
+        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
+            return fail("tolerance", self.tolerance.into(), "a finite number, 0 or more");
         }
-        Ok(())
+        self.threshold.check()
     }
 }

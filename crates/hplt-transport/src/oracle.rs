@@ -1,5 +1,7 @@
 use hplt_geom::Rgb;
 
+use crate::Error;
+
 /// What an oracle decides on: one gathered function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detail {
@@ -32,6 +34,20 @@ pub struct Threshold {
     pub relative: f32,
     /// In standard errors of the gather.
     pub noise: f32,
+}
+
+impl Threshold {
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let Self { absolute, relative, noise } = *self;
+        for (name, value) in
+            [("threshold.absolute", absolute), ("threshold.relative", relative), ("threshold.noise", noise)]
+        {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(Error::Option { name, value: value.into(), expected: "a finite number, 0 or more" });
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Oracle for Threshold {

@@ -113,7 +113,7 @@ pub fn hierarchy(rectangles: &[Rectangle], n: usize, n_levels: usize) -> PointHi
                 points.push(OrientedPoint::new(c + u * s + v * t, normal, RegionId(0)).with_area(area));
             }
         }
-        PointLevel { poisson_radius: size, points }
+        PointLevel::new(size, points)
     };
     PointHierarchy { levels: (0..n_levels).map(level).collect(), n_regions: 1 }
 }

@@ -1,0 +1,169 @@
+use hplt_geom::{OrientedPoint, Rgb};
+
+use crate::reconstruction::{combine, for_each, nearest_on_any_level};
+use crate::{Absolute, Coefficients, Coverage, Reconstruction, ShepardBasis, Weight};
+
+/// The continuous field of a hierarchy whose finer levels exist only where they are needed:
+///
+/// ```text
+/// W_l(p) = (1 - s_l) F_l(p) + s_l W_{l+1}(p)      F_l: the Shepard expansion on level l
+/// s_l(p) = β_l(p)·c_{l+1}(p)                      β_l = Σ_{i refined} B_i^l,  c = min(1, Σw / 0.125)
+/// ```
+///
+/// `β` is a part of the partition of unity of level `l`, 1 where all around is refined and 0 where nothing is; `c` takes the finer
+/// level back where it thins out. On a hierarchy that is refined everywhere this is the expansion on the finest level read.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Layered;
+
+/// The coefficient of the approximately nearest function of the finest level around a point: one or a few descents of a
+/// kd-tree. For the senders of a gather, where its error averages out over the rays.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LayeredNearest;
+
+/// Weights of a level this large, on and off its functions, are full coverage: what Poisson-disk sets guarantee.
+const FULL_COVERAGE: f32 = 0.125;
+
+/// Buffers of [`ShepardBasis::expand`].
+#[derive(Debug, Default)]
+pub struct LayeredScratch {
+    here: Vec<Weight>,
+    finer: Vec<Weight>,
+}
+
+impl ShepardBasis {
+    /// Replaces `expansion` by the weights of [`Layered`] on functions of the `n_levels` coarsest levels, with their
+    /// [flat indices](Self::flat_index), summing to 1; empty where no function is.
+    pub fn expand(
+        &self,
+        n_levels: usize,
+        query: &OrientedPoint,
+        expansion: &mut Vec<Weight>,
+        scratch: &mut LayeredScratch,
+    ) -> Coverage {
+        expansion.clear();
+        let mut coverage = Coverage { queries: 1, ..Coverage::default() };
+        let Some(start) = (0..n_levels).find(|&level| self.weights(level, query, &mut scratch.here)) else {
+            match (0..n_levels).rev().find_map(|l| self.nearest(l, query).map(|i| self.flat_index(l, i))) {
+                Some(function) => {
+                    coverage.nearest = 1;
+                    expansion.push(Weight { function, weight: 1.0 });
+                }
+                None => coverage.uncovered = 1,
+            }
+            return coverage;
+        };
+        let mut share = 1.0;
+        for level in start..n_levels {
+            let finer_share = if level + 1 < n_levels { self.finer_share(level, query, scratch) } else { 0.0 };
+            let first = self.flat_index(level, 0);
+            let rest = share * (1.0 - finer_share);
+            if rest > 0.0 {
+                let part = scratch.here.iter();
+                expansion.extend(part.map(|w| Weight { function: first + w.function, weight: rest * w.weight }));
+            }
+            share *= finer_share;
+            if share == 0.0 {
+                break;
+            }
+            std::mem::swap(&mut scratch.here, &mut scratch.finer);
+        }
+        coverage
+    }
+
+    /// How much of the field at `query` comes from finer levels than `level`, whose weights are in `scratch.here`; leaves
+    /// the weights of the next level in `scratch.finer`.
+    fn finer_share(&self, level: usize, query: &OrientedPoint, scratch: &mut LayeredScratch) -> f32 {
+        let coarse = &self.hierarchy().levels[level];
+        let refined: f32 = scratch.here.iter().filter(|w| coarse.is_refined(w.function)).map(|w| w.weight).sum();
+        if refined <= 0.0 {
+            return 0.0;
+        }
+        let sum = self.raw_weights(level + 1, query, &mut scratch.finer);
+        if sum < crate::MIN_WEIGHT_SUM {
+            return 0.0;
+        }
+        scratch.finer.iter_mut().for_each(|w| w.weight /= sum);
+        refined.min(1.0) * (sum / FULL_COVERAGE).min(1.0)
+    }
+
+    /// The approximately nearest function on the finest level around `query` among the `n_levels` coarsest, as level and
+    /// index there.
+    pub fn layered_nearest(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
+        if n_levels >= self.n_levels()
+            && let Some(found) = self.finest_nearest(query)
+        {
+            return found;
+        }
+        let mut found = None;
+        for level in 0..n_levels {
+            match self.approximate_nearest(level, query) {
+                Some(function) => {
+                    found = Some((level, function));
+                    if !self.hierarchy().levels[level].is_refined(function) {
+                        break;
+                    }
+                }
+                None if found.is_some() => break,
+                None => {}
+            }
+        }
+        found
+    }
+}
+
+impl Reconstruction<Absolute> for Layered {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        let mut scratch = LayeredScratch::default();
+        for_each(queries, out, |query, coverage| {
+            let mut value = Rgb::ZERO;
+            let mut share = 1.0;
+            let start = (0..n_levels).find(|&level| basis.weights(level, query, &mut scratch.here));
+            let Some(start) = start else {
+                return nearest_on_any_level(basis, coefficients, n_levels, query, coverage);
+            };
+            for level in start..n_levels {
+                let finer = if level + 1 < n_levels { basis.finer_share(level, query, &mut scratch) } else { 0.0 };
+                value += combine(&scratch.here, coefficients.level(level)) * (share * (1.0 - finer));
+                share *= finer;
+                if share == 0.0 {
+                    break;
+                }
+                std::mem::swap(&mut scratch.here, &mut scratch.finer);
+            }
+            value
+        })
+    }
+
+    fn support_at(&self, basis: &ShepardBasis, n_levels: usize, query: &OrientedPoint) -> f32 {
+        let finest = basis.layered_nearest(n_levels, query).map_or(0, |(level, _)| level);
+        basis.support(finest)
+    }
+}
+
+impl Reconstruction<Absolute> for LayeredNearest {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        for_each(queries, out, |query, coverage| match basis.layered_nearest(n_levels, query) {
+            Some((level, function)) => coefficients.level(level)[function as usize],
+            None => nearest_on_any_level(basis, coefficients, n_levels, query, coverage),
+        })
+    }
+
+    fn support_at(&self, basis: &ShepardBasis, n_levels: usize, query: &OrientedPoint) -> f32 {
+        let finest = basis.layered_nearest(n_levels, query).map_or(0, |(level, _)| level);
+        basis.support(finest)
+    }
+}

@@ -1,0 +1,487 @@
+use glam::{DVec3, Vec2};
+use hplt_basis::{
+    Absolute, BasisOptions, Coefficients, Coverage, Layered, LayeredScratch, Reconstruction, ShepardBasis, Weight,
+};
+use hplt_geom::{Interrupted, OrientedPoint, PointHierarchy, Progress, RayCaster, Rgb, Scene, parallel};
+use hplt_sampling::random::Stage;
+use hplt_sampling::refined_level;
+
+use crate::gather::{Counter, Groups, Scratch, arrival, scramble};
+use crate::next_event::NextEvents;
+use crate::solve::{SolveOptions, SolveReport, Unknowns, solve};
+use crate::{Detail, DirectLight, Error, Model, Oracle, SparseRows, Threshold, direct_irradiance};
+
+/// What a link holds of the function that a ray met.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LinkPrecision {
+    /// The nearest function: one entry per ray.
+    #[default]
+    Nearest,
+    /// All functions around, with their weights: about ten entries per ray.
+    Shepard,
+}
+
+/// How to link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkOptions {
+    /// Seed of all rays and points.
+    pub seed: u64,
+    /// Rays per gather; a power of two.
+    pub n_rays: u32,
+    /// Levels at most.
+    pub n_levels: usize,
+    /// Where finer functions are made.
+    pub threshold: Threshold,
+    /// Precision of the links.
+    pub precision: LinkPrecision,
+    /// No level is added beyond this many functions.
+    pub max_functions: usize,
+    /// How the system is solved.
+    pub solve: SolveOptions,
+}
+
+impl LinkOptions {
+    /// A quick look: a few per cent of error.
+    pub fn preview() -> Self {
+        Self {
+            n_rays: 128,
+            n_levels: 3,
+            threshold: Threshold { absolute: 0.0, relative: 0.2, noise: 2.0 },
+            ..Self::production()
+        }
+    }
+
+    /// For results that are kept.
+    pub fn production() -> Self {
+        Self {
+            seed: 0,
+            n_rays: 512,
+            n_levels: 6,
+            threshold: Threshold { absolute: 0.0, relative: 0.05, noise: 2.0 },
+            precision: LinkPrecision::Nearest,
+            max_functions: 4_000_000,
+            solve: SolveOptions::default(),
+        }
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let fail = |name, value, expected| Err(Error::Option { name, value, expected });
+        if !self.n_rays.is_power_of_two() || self.n_rays < 8 || self.n_rays > 1 << 16 {
+            return fail("n_rays", self.n_rays.into(), "a power of two in [8, 65536]");
+        }
+        if self.n_levels == 0 {
+            return fail("n_levels", 0.0, "1 or more");
+        }
+        self.threshold.check()
+    }
+}
+
+/// A hierarchy with the light on it, and the links that carried it.
+#[derive(Debug)]
+pub struct Linked {
+    /// The function space: finer levels only where they are needed. Read it with [`Layered`].
+    pub basis: ShepardBasis,
+    /// Direct irradiance at the functions, W/m².
+    pub direct: Coefficients<Absolute>,
+    /// Indirect irradiance at the functions, all bounces, W/m².
+    pub indirect: Coefficients<Absolute>,
+    /// The part of it that arrives by one bounce, by flat index, W/m²: the right-hand side.
+    pub first_bounce: Vec<Rgb>,
+    /// The transport operator on flat indices.
+    pub links: SparseRows,
+    /// What it took.
+    pub report: LinkReport,
+}
+
+/// What linking did.
+#[derive(Debug, Clone)]
+pub struct LinkReport {
+    /// Per level, coarsest first.
+    pub levels: Vec<LinkedLevel>,
+    /// Rays of gathers, and as many shadow rays at most per light.
+    pub rays: u64,
+    /// Gather rays that left the scene.
+    pub escaped: u64,
+    /// How hits were linked.
+    pub coverage: Coverage,
+    /// Entries of the operator.
+    pub n_links: u64,
+    /// Bytes of the operator.
+    pub memory: usize,
+    /// The last solve.
+    pub solve: SolveReport,
+    /// Whether it was interrupted before all levels were made.
+    pub is_cut_short: bool,
+}
+
+/// One level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkedLevel {
+    /// Functions, all gathered.
+    pub functions: u64,
+    /// Those around which the next level continues.
+    pub refined: u64,
+    /// Seconds of placing, gathering and solving on the caller's clock.
+    pub seconds: f64,
+}
+
+/// All bounces at once on functions that exist only where they are needed.
+///
+/// ```text
+/// f = d + G f        d_i = (1/N) Σ_k ρ(y_k) E_direct(y_k)      G_ij = (1/N) Σ_k ρ(y_k) B_j(y_k)
+/// ```
+///
+/// The unknowns `f` are the *indirect* irradiance at the functions. Direct light is sampled where rays land, so that no function
+/// has to resolve a shadow edge, and what is left is smooth. Every receiver's rays are traced once and kept as a row of `G`.
+/// Level after level: place functions around those that `options.threshold` refines, gather, link, solve. The coarsest level
+/// of `hierarchy` is where it begins; finer ones of it are not read.
+///
+/// # Errors
+/// When an option is out of range, a closed region has albedo 1, a value is not finite, or the caller interrupts before the first
+/// solve; later interruptions keep the levels that are finished.
+pub fn transport_links(
+    scene: &Scene,
+    caster: &dyn RayCaster,
+    mut hierarchy: PointHierarchy,
+    light: &DirectLight<'_>,
+    options: &LinkOptions,
+    progress: &dyn Progress,
+) -> Result<Linked, Error> {
+    options.check()?;
+    hierarchy.levels.truncate(1);
+    let n_regions = hierarchy.n_regions as usize;
+    let mut linker = Linker {
+        scene,
+        caster,
+        light,
+        options,
+        progress,
+        n_regions,
+        basis: ShepardBasis::build(hierarchy, BasisOptions::default()),
+        state: State::default(),
+        levels: Vec::new(),
+    };
+    linker.begin()?;
+    let mut is_cut_short = false;
+    while let Some(refined) = linker.choose_refined() {
+        match linker.add_level(refined) {
+            Ok(()) => {}
+            Err(Error::Interrupted(_)) => {
+                is_cut_short = true;
+                break;
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    linker.finish(is_cut_short)
+}
+
+/// What is known of the unknowns, by flat index.
+#[derive(Debug, Clone, Default)]
+struct State {
+    rows: Vec<Vec<(u32, Rgb)>>,
+    first_bounce: Vec<Rgb>,
+    noise: Vec<Rgb>,
+    direct: Vec<Rgb>,
+    indirect: Vec<Rgb>,
+    escaped: u64,
+    coverage: Coverage,
+    solve: Option<SolveReport>,
+}
+
+struct Linker<'a> {
+    scene: &'a Scene,
+    caster: &'a dyn RayCaster,
+    light: &'a DirectLight<'a>,
+    options: &'a LinkOptions,
+    progress: &'a dyn Progress,
+    n_regions: usize,
+    basis: ShepardBasis,
+    state: State,
+    levels: Vec<LinkedLevel>,
+}
+
+/// What one receiver's rays found.
+struct Row {
+    links: Vec<(u32, Rgb)>,
+    first_bounce: Rgb,
+    noise: Rgb,
+    escaped: u32,
+    coverage: Coverage,
+}
+
+#[derive(Default)]
+struct LinkScratch {
+    trace: Scratch,
+    queries: Vec<OrientedPoint>,
+    samples: Vec<Vec2>,
+    ray: Vec<u32>,
+    albedos: Vec<Rgb>,
+    direct: Vec<Rgb>,
+    events: NextEvents,
+    links: Vec<(u32, Rgb)>,
+    expansion: Vec<Weight>,
+    layered: LayeredScratch,
+}
+
+impl Linker<'_> {
+    /// The two coarsest levels, which are everywhere: without the second nothing is known about the error of the first.
+    fn begin(&mut self) -> Result<(), Error> {
+        let started = self.progress.now();
+        if self.options.n_levels == 1 || self.basis.n_functions(0) == 0 {
+            self.gather(0)?;
+            self.solve()?;
+            return self.enter_level(0, started);
+        }
+        let everywhere = vec![true; self.basis.n_functions(0)];
+        self.push_level(everywhere)?;
+        self.gather(0)?;
+        self.gather(1)?;
+        self.solve()?;
+        self.enter_level(0, started)?;
+        self.enter_level(1, self.progress.now())
+    }
+
+    fn enter_level(&mut self, level: usize, started: f64) -> Result<(), Error> {
+        let flags = &self.basis.hierarchy().levels[level].is_refined;
+        let refined = flags.iter().filter(|&&r| r).count() as u64;
+        let functions = self.basis.n_functions(level) as u64;
+        self.levels.push(LinkedLevel { functions, refined, seconds: self.progress.now() - started });
+        Ok(())
+    }
+
+    fn push_level(&mut self, is_refined: Vec<bool>) -> Result<(), Interrupted> {
+        let finest = self.basis.n_levels() - 1;
+        let coarse = &self.basis.hierarchy().levels[finest];
+        let id = (finest as u32 + 1, self.options.seed);
+        let level = refined_level(self.scene, self.caster, coarse, &is_refined, id, self.progress)?;
+        self.basis.push_level(level, is_refined);
+        Ok(())
+    }
+
+    /// Which functions of the finest level are to be refined; `None` when none, or when there may be no more levels.
+    fn choose_refined(&self) -> Option<Vec<bool>> {
+        let level = self.basis.n_levels() - 1;
+        let n_functions = self.basis.hierarchy().n_points();
+        if level == 0 || level + 1 >= self.options.n_levels || n_functions >= self.options.max_functions {
+            return None;
+        }
+        let field = self.coefficients(&self.state.indirect);
+        let points = self.basis.points(level);
+        let mut inherited = vec![Rgb::ZERO; points.len()];
+        Layered.reconstruct(&self.basis, &field, level, points, &mut inherited);
+        let means = self.region_means();
+        let first = self.basis.flat_index(level, 0) as usize;
+        let is_refined = |i: usize| {
+            let indirect = self.state.indirect[first + i];
+            self.options.threshold.refine(&Detail {
+                level,
+                detail: indirect - inherited[i],
+                noise: self.state.noise[first + i],
+                total: self.state.direct[first + i] + indirect,
+                mean: means[points[i].region.0 as usize],
+            })
+        };
+        let chosen: Vec<u32> = (0..points.len() as u32).filter(|&i| is_refined(i as usize)).collect();
+        (!chosen.is_empty()).then(|| self.with_neighbours(level, &chosen))
+    }
+
+    /// Flags for the `chosen` functions of `level` and for those whose supports hold the centre of one: what is wrong at a
+    /// point is wrong with all that say something there.
+    fn with_neighbours(&self, level: usize, chosen: &[u32]) -> Vec<bool> {
+        let points = self.basis.points(level);
+        let mut flags = vec![false; points.len()];
+        let mut weights = Vec::new();
+        for &i in chosen {
+            flags[i as usize] = true;
+            self.basis.raw_weights(level, &points[i as usize], &mut weights);
+            weights.iter().for_each(|w| flags[w.function as usize] = true);
+        }
+        flags
+    }
+
+    fn add_level(&mut self, refined: Vec<bool>) -> Result<(), Error> {
+        let started = self.progress.now();
+        let before = self.state.clone();
+        let n_levels = self.basis.n_levels();
+        let added = self.push_level(refined).map_err(Error::from);
+        let done = added.and_then(|()| self.gather(n_levels)).and_then(|()| self.solve());
+        if done.is_err() {
+            self.state = before;
+            self.basis.truncate(n_levels);
+            return done;
+        }
+        self.levels[n_levels - 1].refined =
+            self.basis.hierarchy().levels[n_levels - 1].is_refined.iter().filter(|&&r| r).count() as u64;
+        self.enter_level(n_levels, started)
+    }
+
+    /// Gathers all functions of a level.
+    fn gather(&mut self, level: usize) -> Result<(), Error> {
+        let first = self.basis.flat_index(level, 0);
+        let points = self.basis.points(level);
+        self.state.direct.extend(direct_irradiance(
+            self.light,
+            self.caster,
+            points,
+            Stage::Direct,
+            self.progress,
+        )?);
+        let counter = Counter::new(self.progress, "links", points.len());
+        let rows = parallel::try_map(points.len(), LinkScratch::default, |scratch, i| {
+            counter.step()?;
+            Ok::<_, Interrupted>(self.row(&points[i], first + i as u32, scratch))
+        })?;
+        for row in rows {
+            self.state.rows.push(row.links);
+            self.state.first_bounce.push(row.first_bounce);
+            self.state.noise.push(row.noise);
+            self.state.escaped += u64::from(row.escaped);
+            self.state.coverage += row.coverage;
+        }
+        Ok(())
+    }
+
+    fn row(&self, receiver: &OrientedPoint, id: u32, scratch: &mut LinkScratch) -> Row {
+        let n_rays = self.options.n_rays;
+        let model = Model { scene: self.scene, caster: self.caster, basis: &self.basis };
+        let scramble = scramble(self.options.seed, Stage::Gather, id);
+        scratch.trace.trace(&model, receiver, scramble, n_rays);
+        scratch.queries.clear();
+        scratch.samples.clear();
+        scratch.ray.clear();
+        scratch.albedos.clear();
+        let mut escaped = 0;
+        for (k, hit) in scratch.trace.hits.iter().enumerate() {
+            if hit.is_miss() {
+                escaped += 1;
+                continue;
+            }
+            let surface = self.scene.surface_at(hit);
+            let albedo = self.scene.albedo(&surface);
+            if albedo != Rgb::ZERO {
+                scratch.queries.push(arrival(&surface, receiver.region));
+                scratch.samples.push(scratch.trace.second[k]);
+                scratch.ray.push(k as u32);
+                scratch.albedos.push(albedo);
+            }
+        }
+        let LinkScratch { queries, samples, events, direct, .. } = scratch;
+        self.light.irradiance_once(self.caster, queries, samples, events, direct);
+        let mut groups = Groups::new(n_rays);
+        let mut first_bounce = DVec3::ZERO;
+        let mut coverage = Coverage::default();
+        scratch.links.clear();
+        for k in 0..scratch.queries.len() {
+            let albedo = scratch.albedos[k];
+            let direct = albedo * scratch.direct[k];
+            first_bounce += direct.as_dvec3();
+            coverage += self.expand(&scratch.queries[k], &mut scratch.expansion, &mut scratch.layered);
+            let mut indirect = Rgb::ZERO;
+            for w in &scratch.expansion {
+                scratch.links.push((w.function, albedo * (w.weight / n_rays as f32)));
+                let known = self.state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
+                indirect += known * w.weight;
+            }
+            groups.add(scratch.ray[k], direct + albedo * indirect);
+        }
+        Row {
+            links: merged(&mut scratch.links),
+            first_bounce: (first_bounce / f64::from(n_rays)).as_vec3(),
+            noise: groups.mean_and_noise().1,
+            escaped,
+            coverage,
+        }
+    }
+
+    fn expand(&self, query: &OrientedPoint, expansion: &mut Vec<Weight>, scratch: &mut LayeredScratch) -> Coverage {
+        let n_levels = self.basis.n_levels();
+        if self.options.precision == LinkPrecision::Nearest
+            && let Some((level, i)) = self.basis.layered_nearest(n_levels, query)
+        {
+            expansion.clear();
+            expansion.push(Weight { function: self.basis.flat_index(level, i), weight: 1.0 });
+            return Coverage { queries: 1, ..Coverage::default() };
+        }
+        self.basis.expand(n_levels, query, expansion, scratch)
+    }
+
+    fn solve(&mut self) -> Result<(), Error> {
+        let operator = self.operator();
+        let components: Vec<u32> = self.points().map(|p| p.region.0).collect();
+        let n0 = self.basis.n_functions(0);
+        let areas: Vec<f32> = self.points().enumerate().map(|(i, p)| if i < n0 { p.area } else { 0.0 }).collect();
+        let unknowns = Unknowns { components: &components, n_components: self.n_regions, areas: &areas };
+        let (indirect, report) =
+            solve(&operator, &self.state.first_bounce, &unknowns, &self.options.solve, self.progress)?;
+        self.state.indirect = indirect;
+        self.state.solve = Some(report);
+        Ok(())
+    }
+
+    fn points(&self) -> impl Iterator<Item = &OrientedPoint> {
+        self.basis.hierarchy().levels.iter().flat_map(|level| &level.points)
+    }
+
+    fn operator(&self) -> SparseRows {
+        let n_entries = self.state.rows.iter().map(Vec::len).sum();
+        let mut operator = SparseRows::new(self.state.rows.len());
+        operator.reserve(self.state.rows.len(), n_entries);
+        self.state.rows.iter().for_each(|row| operator.push_row(row));
+        operator
+    }
+
+    /// Area-weighted means of the irradiance on the coarsest level, by region.
+    fn region_means(&self) -> Vec<Rgb> {
+        let mut sums = vec![(DVec3::ZERO, 0.0f64); self.n_regions];
+        for (i, point) in self.basis.points(0).iter().enumerate() {
+            let area = f64::from(point.area.max(f32::MIN_POSITIVE));
+            let (sum, total) = &mut sums[point.region.0 as usize];
+            *sum += (self.state.direct[i] + self.state.indirect[i]).as_dvec3() * area;
+            *total += area;
+        }
+        sums.into_iter().map(|(sum, total)| if total > 0.0 { (sum / total).as_vec3() } else { Rgb::ZERO }).collect()
+    }
+
+    fn coefficients(&self, flat: &[Rgb]) -> Coefficients<Absolute> {
+        let mut rest = flat;
+        let take = |level| {
+            let (now, later) = rest.split_at(self.basis.n_functions(level));
+            rest = later;
+            now.to_vec()
+        };
+        Coefficients::from_levels((0..self.basis.n_levels()).map(take).collect())
+    }
+
+    fn finish(self, is_cut_short: bool) -> Result<Linked, Error> {
+        let links = self.operator();
+        let (direct, indirect) = (self.coefficients(&self.state.direct), self.coefficients(&self.state.indirect));
+        let Self { basis, state, levels, options, .. } = self;
+        let report = LinkReport {
+            levels,
+            rays: links.n_rows() as u64 * u64::from(options.n_rays),
+            escaped: state.escaped,
+            coverage: state.coverage,
+            n_links: links.n_entries() as u64,
+            memory: links.memory(),
+            solve: state.solve.expect("solved at least once"),
+            is_cut_short,
+        };
+        Ok(Linked { basis, direct, indirect, first_bounce: state.first_bounce, links, report })
+    }
+}
+
+/// The entries in ascending order, those of one function added up.
+fn merged(links: &mut [(u32, Rgb)]) -> Vec<(u32, Rgb)> {
+    // Stable, so that weights of one function add up in the order of the rays.
+    links.sort_by_key(|link| link.0);
+    let mut row: Vec<(u32, Rgb)> = Vec::with_capacity(links.len());
+    for &(function, weight) in links.iter() {
+        match row.last_mut() {
+            Some(last) if last.0 == function => last.1 += weight,
+            _ => row.push((function, weight)),
+        }
+    }
+    row.shrink_to_fit();
+    row
+}

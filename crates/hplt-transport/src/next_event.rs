@@ -1,0 +1,230 @@
+//! Direct light at the many points that the rays of one receiver meet: about one shadow ray each.
+
+use glam::Vec2;
+use hplt_geom::radiometry::{irradiance_from_uniform_radiance, luminance};
+use hplt_geom::{Hit, LightShape, OrientedPoint, Ray, RayCaster, Rgb, offset_origin};
+use hplt_sampling::warp;
+
+use crate::DirectLight;
+use crate::emitters::Emitter;
+
+/// Least cosine in the estimate of what an emitter brings, which only guides the choice of one.
+const LEAST_COSINE: f32 = 0.05;
+
+/// Shadow rays of a batch of points.
+#[derive(Default)]
+pub(crate) struct NextEvents {
+    rays: Vec<Ray>,
+    brings: Vec<Rgb>,
+    of_point: Vec<u32>,
+    occluded: Vec<bool>,
+    hits: Vec<Hit>,
+    guides: Vec<f32>,
+}
+
+impl NextEvents {
+    fn push(&mut self, point: usize, ray: Ray, brings: Rgb) {
+        if brings != Rgb::ZERO {
+            self.rays.push(ray);
+            self.brings.push(brings);
+            self.of_point.push(point as u32);
+        }
+    }
+}
+
+impl DirectLight<'_> {
+    /// Replaces `out` by unbiased estimates of the irradiance that arrives straight from lights at each of `points`, W/m².
+    ///
+    /// `samples` in `[0, 1)²`, one per point, choose the light; stratify them over the points.
+    pub(crate) fn irradiance_once(
+        &self,
+        caster: &dyn RayCaster,
+        points: &[OrientedPoint],
+        samples: &[Vec2],
+        events: &mut NextEvents,
+        out: &mut Vec<Rgb>,
+    ) {
+        out.clear();
+        out.resize(points.len(), Rgb::ZERO);
+        events.rays.clear();
+        events.brings.clear();
+        events.of_point.clear();
+        if self.is_by_hemisphere() {
+            self.look_around(caster, points, samples, events, out);
+        }
+        for (i, (point, &sample)) in points.iter().zip(samples).enumerate() {
+let origin = offset_origin(point.position, point.normal);
+            if !self.is_by_hemisphere() {
+                self.towards_emitter((i, point), origin, sample, events);
+                self.towards_sky((i, point), origin, sample, events);
+            }
+            self.towards_lights((i, point), origin, sample, events);
+        }
+        events.occluded.clear();
+        events.occluded.resize(events.rays.len(), false);
+        caster.trace_occluded(&events.rays, &mut events.occluded);
+        for ((&i, brings), occluded) in events.of_point.iter().zip(&events.brings).zip(&events.occluded) {
+            if !occluded {
+                out[i as usize] += *brings;
+            }
+        }
+    }
+
+    /// One point on one emitter: where there are few, chosen by what each would bring about.
+    fn towards_emitter(
+        &self,
+        (i, point): (usize, &OrientedPoint),
+        origin: glam::Vec3,
+        sample: Vec2,
+        events: &mut NextEvents,
+    ) {
+        if self.emitters.all.is_empty() {
+            return;
+        }
+        let chosen = match self.emitters.is_many() {
+            true => Some(self.emitters.choose(sample.x)),
+            false => choose_guided(&self.emitters.all, point, sample.x, &mut events.guides),
+        };
+        let Some((emitter, probability, again)) = chosen else { return };
+        let Vec2 { x: u, y: v } = warp::uniform_triangle(Vec2::new(again, sample.y));
+        let target = emitter.point(u, v);
+        let kernel = emitter.kernel(point.position, point.normal, target);
+        let brings = emitter.exitance(self.scene, u, v) * (kernel / probability);
+        events.push(i, Ray::segment(origin, offset_origin(target, emitter.normal)), brings);
+    }
+
+    fn towards_sky(
+        &self,
+        (i, point): (usize, &OrientedPoint),
+        origin: glam::Vec3,
+        sample: Vec2,
+        events: &mut NextEvents,
+    ) {
+        let Some(environment) = self.scene.environment() else { return };
+        let Some(sampler) = &self.sky else {
+            let direction = warp::cosine_hemisphere(sample, point.normal);
+            let brings = irradiance_from_uniform_radiance(environment.radiance(direction));
+            return events.push(i, Ray::new(origin, direction), brings);
+        };
+        // Half of the samples follow the map, half the cosine; each stands for two.
+        let again = Vec2::new((2.0 * sample.x).fract(), sample.y);
+        let direction = if sample.x < 0.5 {
+            sampler.sample(environment, again).0
+        } else {
+            warp::cosine_hemisphere(again, point.normal)
+        };
+        let brings = 2.0 * sampler.weighted(environment, direction, point.normal.dot(direction), 1);
+        events.push(i, Ray::new(origin, direction), brings);
+    }
+
+    fn towards_lights(
+        &self,
+        (i, point): (usize, &OrientedPoint),
+        origin: glam::Vec3,
+        sample: Vec2,
+        events: &mut NextEvents,
+    ) {
+        for light in self.scene.lights() {
+            match light.shape {
+                LightShape::Point { position, intensity } => {
+                    events.push(i, Ray::segment(origin, position), from_point(point, position, intensity));
+                }
+                LightShape::Spot { position, direction, intensity, cos_inner, cos_outer } => {
+                    let cos = (point.position - position).normalize_or_zero().dot(direction);
+                    let intensity = intensity * LightShape::spot_falloff(cos_inner, cos_outer, cos);
+                    events.push(i, Ray::segment(origin, position), from_point(point, position, intensity));
+                }
+                LightShape::Directional { direction_to_light, irradiance, angular_radius } => {
+                    let direction = match angular_radius > 0.0 {
+                        true => warp::uniform_cone(sample, direction_to_light, angular_radius),
+                        false => direction_to_light,
+                    };
+                    // The mean cosine over the disc, so that a facing surface receives exactly `irradiance`.
+                    let facing = 0.5 * (1.0 + angular_radius.cos());
+                    let brings = irradiance * (point.normal.dot(direction).max(0.0) / facing);
+                    events.push(i, Ray::new(origin, direction), brings);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// One cosine-distributed ray per point sees what emits.
+    fn look_around(
+        &self,
+        caster: &dyn RayCaster,
+        points: &[OrientedPoint],
+        samples: &[Vec2],
+        events: &mut NextEvents,
+        out: &mut [Rgb],
+    ) {
+        events.rays.extend(points.iter().zip(samples).map(|(point, &sample)| {
+            let direction = warp::cosine_hemisphere(sample, point.normal);
+            Ray::new(offset_origin(point.position, point.normal), direction)
+        }));
+        events.hits.clear();
+        events.hits.resize(points.len(), Hit::MISS);
+        caster.trace_nearest(&events.rays, &mut events.hits);
+        for ((ray, hit), out) in events.rays.iter().zip(&events.hits).zip(out) {
+            *out = self.seen(ray, hit);
+        }
+        events.rays.clear();
+    }
+
+    /// What arrives along a cosine-distributed ray straight from a light, W/m².
+    pub(crate) fn seen(&self, ray: &Ray, hit: &Hit) -> Rgb {
+        match (hit.is_miss(), self.scene.environment()) {
+            (false, _) => self.scene.exitance(&self.scene.surface_at(hit)),
+            (true, Some(environment)) => irradiance_from_uniform_radiance(environment.radiance(ray.direction)),
+            (true, None) => Rgb::ZERO,
+        }
+    }
+}
+
+/// An emitter chosen by about what each brings to `point`, the probability of that choice, and `choice` made
+/// uniform again. `None` where none can.
+fn choose_guided<'e>(
+    emitters: &'e [Emitter],
+    point: &OrientedPoint,
+    choice: f32,
+    guides: &mut Vec<f32>,
+) -> Option<(&'e Emitter, f32, f32)> {
+    guides.clear();
+    guides.extend(emitters.iter().map(|emitter| {
+        if !emitter.can_light(point.position, point.normal) {
+            return 0.0;
+        }
+        let to = emitter.point(1.0 / 3.0, 1.0 / 3.0) - point.position;
+        let distance_squared = to.length_squared().max(emitter.area * 0.1);
+        let direction = to.normalize_or_zero();
+        let cosines =
+            point.normal.dot(direction).max(LEAST_COSINE) * (-emitter.normal.dot(direction)).max(LEAST_COSINE);
+        let power = emitter.uniform_exitance.map_or(1.0, luminance).max(f32::MIN_POSITIVE);
+        power * emitter.area * cosines / distance_squared
+    }));
+    let total: f32 = guides.iter().sum();
+    if total <= 0.0 || !total.is_finite() {
+        return None;
+    }
+    let mut rest = choice * total;
+    let last = guides.iter().rposition(|&g| g > 0.0)?;
+    for (i, &guide) in guides.iter().enumerate() {
+        if guide > 0.0 && (rest < guide || i == last) {
+            let again = (rest / guide).clamp(0.0, 1.0 - f32::EPSILON);
+            return Some((&emitters[i], guide / total, again));
+        }
+        rest -= guide;
+    }
+    None
+}
+
+/// The irradiance at `point` of a point light without occlusion.
+pub(crate) fn from_point(point: &OrientedPoint, position: glam::Vec3, intensity: Rgb) -> Rgb {
+    let to = position - point.position;
+    let distance_squared = to.length_squared();
+    if distance_squared > 0.0 {
+        intensity * (point.normal.dot(to).max(0.0) / (distance_squared * distance_squared.sqrt()))
+    } else {
+        Rgb::ZERO
+    }
+}

@@ -1,0 +1,170 @@
+use hplt_geom::glam::DVec3;
+
+use super::blocks::{Lanes, map2, ratio};
+use super::run::{Halt, Problem, Run};
+
+/// Cycles without halving the bound after which the method stands still.
+const PATIENCE: usize = 2;
+
+/// Cycles of at most `restart` steps, until the residual bounds the error well enough, or the method stands still.
+pub(crate) fn advance(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], run: &mut Run<'_>) -> Result<(), Halt> {
+    let (mut best, mut n_idle) = (f64::INFINITY, 0);
+    loop {
+        let mut r = vec![DVec3::ZERO; x.len()];
+        run.product(problem.g, x, &mut r)?;
+        r.iter_mut().zip(problem.d).for_each(|(r, d)| *r = *d - *r);
+        run.history.push(problem.relative_residual(&r));
+        let end = cycle(problem, restart, x, &r, run);
+        n_idle = if end.bound < 0.5 * best { 0 } else { n_idle + 1 };
+        best = best.min(end.bound);
+        end.halt?;
+        if end.is_good || n_idle >= PATIENCE {
+            return Ok(());
+        }
+    }
+}
+
+/// How a cycle ended.
+struct End {
+    /// What its running residual says, relative to the mean.
+    bound: f64,
+    is_good: bool,
+    halt: Result<(), Halt>,
+}
+
+/// One cycle from `x` with residual `r`.
+fn cycle(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], r: &[DVec3], run: &mut Run<'_>) -> End {
+    let mut space = Space::new(problem, r);
+    let mut w = vec![DVec3::ZERO; x.len()];
+    let mut end = End { bound: f64::INFINITY, is_good: false, halt: Ok(()) };
+    for step in 0..restart {
+        end.halt = run.product(problem.g, &space.basis[step], &mut w);
+        if end.halt.is_err() {
+            break;
+        }
+        space.grow(problem, &w);
+        let residual = space.residual(problem);
+        run.history.push(problem.relative_residual(&residual));
+        let mut candidate = x.to_vec();
+        space.add_solution(problem, &mut candidate);
+        let bounds = problem.relative(&candidate, &problem.gain.error(&residual));
+        (end.bound, end.is_good) = (bounds.largest(), problem.is_enough(&bounds));
+        if end.is_good {
+            break;
+        }
+    }
+    space.add_solution(problem, x);
+    end
+}
+
+/// The Krylov space, with one small least-squares problem per component and channel: `A V_j = V_{j+1} H_j`.
+struct Space {
+    basis: Vec<Vec<DVec3>>,
+    /// Columns of `H`, as they came.
+    hessenberg: Vec<Vec<Lanes>>,
+    /// The same, rotated to upper triangular form.
+    triangle: Vec<Vec<Lanes>>,
+    rotations: Vec<(Lanes, Lanes)>,
+    /// The rotated right-hand side.
+    rhs: Vec<Lanes>,
+    length: Lanes,
+}
+
+impl Space {
+    fn new(problem: &Problem<'_>, r: &[DVec3]) -> Self {
+        let length = norms(problem, r);
+        let basis = vec![divided(problem, r, &length)];
+        let rhs = vec![length.clone()];
+        Self { basis, hessenberg: Vec::new(), triangle: Vec::new(), rotations: Vec::new(), rhs, length }
+    }
+
+    /// Takes `w = A v` of the last basis vector: modified Gram-Schmidt, then one more rotation.
+    fn grow(&mut self, problem: &Problem<'_>, w: &[DVec3]) {
+        let blocks = problem.blocks;
+        let mut w = w.to_vec();
+        let before = norms(problem, &w);
+        let mut column: Vec<Lanes> = Vec::with_capacity(self.basis.len() + 1);
+        for v in &self.basis {
+            let h = blocks.dot(v, &w);
+            let minus: Lanes = h.iter().map(|&h| -h).collect();
+            blocks.add_scaled(&mut w, &minus, v);
+            column.push(h);
+        }
+        // What is left by rounding alone is no new direction: the space of that lane is complete.
+        let after = norms(problem, &w);
+        let sound = |c: usize| map2(after[c], before[c], |a, b| if a > 1e-13 * b { a } else { 0.0 });
+        let after: Lanes = (0..after.len()).map(sound).collect();
+        self.basis.push(divided(problem, &w, &after));
+        column.push(after);
+        self.hessenberg.push(column.clone());
+        self.rotate(column);
+    }
+
+    fn rotate(&mut self, mut column: Vec<Lanes>) {
+        let (j, n) = (column.len() - 2, self.length.len());
+        for (i, (cos, sin)) in self.rotations.iter().enumerate() {
+            for c in 0..n {
+                let (a, b) = (column[i][c], column[i + 1][c]);
+                column[i][c] = cos[c] * a + sin[c] * b;
+                column[i + 1][c] = cos[c] * b - sin[c] * a;
+            }
+        }
+        let hypotenuse = |c: usize| map2(column[j][c], column[j + 1][c], f64::hypot);
+        let cos: Lanes =
+            (0..n).map(|c| map2(column[j][c], hypotenuse(c), |a, h| if h > 0.0 { a / h } else { 1.0 })).collect();
+        let sin: Lanes = (0..n).map(|c| ratio(column[j + 1][c], hypotenuse(c))).collect();
+        let diagonal: Lanes = (0..n).map(hypotenuse).collect();
+        column[j] = diagonal;
+        column.truncate(j + 1);
+        let last = self.rhs[j].clone();
+        self.rhs[j] = (0..n).map(|c| cos[c] * last[c]).collect();
+        self.rhs.push((0..n).map(|c| -sin[c] * last[c]).collect());
+        self.triangle.push(column);
+        self.rotations.push((cos, sin));
+    }
+
+    /// The coordinates of the solution in the space, by back substitution.
+    fn coordinates(&self) -> Vec<Lanes> {
+        let (m, n) = (self.triangle.len(), self.length.len());
+        let mut y = vec![Lanes::new(); m];
+        for i in (0..m).rev() {
+            let solved = |c: usize| {
+                let known: DVec3 = (i + 1..m).map(|j| self.triangle[j][i][c] * y[j][c]).sum();
+                ratio(self.rhs[i][c] - known, self.triangle[i][i][c])
+            };
+            y[i] = (0..n).map(solved).collect();
+        }
+        y
+    }
+
+    fn add_solution(&self, problem: &Problem<'_>, x: &mut [DVec3]) {
+        for (y, v) in self.coordinates().iter().zip(&self.basis) {
+            problem.blocks.add_scaled(x, y, v);
+        }
+    }
+
+    /// The residual of the solution, `V (|r| e_1 - H y)`, without another product.
+    fn residual(&self, problem: &Problem<'_>) -> Vec<DVec3> {
+        let y = self.coordinates();
+        let mut r = vec![DVec3::ZERO; problem.d.len()];
+        for (i, v) in self.basis.iter().enumerate() {
+            let coordinate = |c: usize| {
+                let start = if i == 0 { self.length[c] } else { DVec3::ZERO };
+                // H has one entry below its diagonal.
+                let product: DVec3 = (i.saturating_sub(1)..y.len()).map(|j| self.hessenberg[j][i][c] * y[j][c]).sum();
+                start - product
+            };
+            let coordinates: Lanes = (0..self.length.len()).map(coordinate).collect();
+            problem.blocks.add_scaled(&mut r, &coordinates, v);
+        }
+        r
+    }
+}
+
+fn norms(problem: &Problem<'_>, a: &[DVec3]) -> Lanes {
+    problem.blocks.dot(a, a).into_iter().map(|s| s.map(f64::sqrt)).collect()
+}
+
+fn divided(problem: &Problem<'_>, a: &[DVec3], by: &Lanes) -> Vec<DVec3> {
+    a.iter().enumerate().map(|(i, &a)| ratio(a, by[problem.blocks.of(i)])).collect()
+}

@@ -1,0 +1,225 @@
+use hplt_geom::glam::DVec3;
+use hplt_geom::{Rgb, parallel};
+
+use crate::LinearOperator;
+
+/// A square sparse matrix in compressed rows, with one weight per channel and one sparsity for all.
+///
+/// A transport row holds (function, albedo-weighted share): the fraction of that function's irradiance that arrives.
+///
+/// An entry takes 8 bytes: the distance to the column before it and, per channel, a 16-bit multiple of a scale that the row
+/// has. A weight is off by at most 1/131,070 of the largest of its row and channel, and black stays black. A common factor
+/// per row and channel then makes row sums exact: an albedo of 0.9999 is not blurred.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SparseRows {
+    n_columns: u32,
+    starts: Vec<u64>,
+    entries: Vec<Entry>,
+    scales: Vec<DVec3>,
+    row_sums: Vec<DVec3>,
+}
+
+/// A step to the right, and a weight there in units of the scale of its row. A gap that 16 bits cannot hold is several
+/// entries, all but the last one without weight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Entry {
+    step: u16,
+    weight: [u16; 3],
+}
+
+impl Entry {
+    fn weight(self) -> DVec3 {
+        let [r, g, b] = self.weight;
+        DVec3::new(f64::from(r), f64::from(g), f64::from(b))
+    }
+}
+
+impl SparseRows {
+    /// A matrix of `n` columns without rows yet; it is an operator once it has `n` rows.
+    ///
+    /// # Panics
+    /// When `n` does not fit in 32 bits.
+    pub fn new(n: usize) -> Self {
+        let n_columns = u32::try_from(n).expect("at most 2^32 - 1 unknowns");
+        Self { n_columns, starts: vec![0], entries: Vec::new(), scales: Vec::new(), row_sums: Vec::new() }
+    }
+
+    /// Makes room for `n_rows` rows of `n_entries` entries in all.
+    pub fn reserve(&mut self, n_rows: usize, n_entries: usize) {
+        self.starts.reserve(n_rows);
+        self.scales.reserve(n_rows);
+        self.row_sums.reserve(n_rows);
+        self.entries.reserve(n_entries);
+    }
+
+    /// Appends a row: columns ascending, each once, weights finite and not negative.
+    ///
+    /// # Panics
+    /// When they are not.
+    pub fn push_row(&mut self, row: &[(u32, Rgb)]) {
+        const STEPS: f64 = u16::MAX as f64;
+        let (mut sum, mut max) = (DVec3::ZERO, DVec3::ZERO);
+        for (k, &(column, weight)) in row.iter().enumerate() {
+            assert!(column < self.n_columns, "column {column} of {}", self.n_columns);
+            assert!(k == 0 || row[k - 1].0 < column, "columns ascend, each once");
+            assert!(weight.is_finite() && weight.min_element() >= 0.0, "weight {weight}: finite, not negative");
+            sum += weight.as_dvec3();
+            max = max.max(weight.as_dvec3());
+        }
+        let per_weight = max.map(|max| if max > 0.0 { STEPS / max } else { 0.0 });
+        let (mut stored, mut last) = (DVec3::ZERO, 0);
+        for &(column, weight) in row {
+            while column - last > u32::from(u16::MAX) {
+                self.entries.push(Entry { step: u16::MAX, weight: [0; 3] });
+                last += u32::from(u16::MAX);
+            }
+            let weight = (weight.as_dvec3() * per_weight).round().to_array().map(|w| w as u16);
+            let entry = Entry { step: (column - last) as u16, weight };
+            (stored, last) = (stored + entry.weight(), column);
+            self.entries.push(entry);
+        }
+        self.starts.push(self.entries.len() as u64);
+        self.scales.push(DVec3::select(stored.cmpgt(DVec3::ZERO), sum / stored, DVec3::ZERO));
+        self.row_sums.push(sum);
+    }
+
+    /// How many rows there are.
+    pub fn n_rows(&self) -> usize {
+        self.row_sums.len()
+    }
+
+    /// How many entries are stored.
+    pub fn n_entries(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        Self::memory_of(self.n_rows(), self.entries.len())
+    }
+
+    /// Bytes that `n_rows` rows of `n_entries` entries in all will take.
+    pub fn memory_of(n_rows: usize, n_entries: usize) -> usize {
+        n_entries * size_of::<Entry>() + n_rows * (size_of::<u64>() + 2 * size_of::<DVec3>()) + size_of::<u64>()
+    }
+
+    /// The sum of the weights of a row.
+    pub fn row_sum(&self, row: usize) -> Rgb {
+        self.row_sums[row].as_vec3()
+    }
+
+    /// The entries of a row: column and weight as stored, columns ascending.
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (u32, DVec3)> + '_ {
+        let scale = self.scales[row];
+        self.multiples(row).map(move |(column, weight)| (column, scale * weight))
+    }
+
+    /// What multiplies the [`multiples`](Self::multiples) of a row.
+    pub(crate) fn scale(&self, row: usize) -> DVec3 {
+        self.scales[row]
+    }
+
+    /// The entries of a row in units of its scale.
+    pub(crate) fn multiples(&self, row: usize) -> impl Iterator<Item = (u32, DVec3)> + '_ {
+        let entries = &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize];
+        entries.iter().scan(0, |column, entry| {
+            *column += u32::from(entry.step);
+            Some((*column, entry.weight()))
+        })
+    }
+
+    /// `Σ_j G_ij x_j` of row `i`.
+    pub(crate) fn row_times(&self, row: usize, x: &[DVec3]) -> DVec3 {
+        let entries = &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize];
+        let (mut even, mut odd, mut column) = (DVec3::ZERO, DVec3::ZERO, 0);
+        // Two sums in turn: one alone would wait for each addition.
+        let mut pairs = entries.chunks_exact(2);
+        for pair in &mut pairs {
+            let first = column + usize::from(pair[0].step);
+            column = first + usize::from(pair[1].step);
+            even += pair[0].weight() * x[first];
+            odd += pair[1].weight() * x[column];
+        }
+        for last in pairs.remainder() {
+            even += last.weight() * x[column + usize::from(last.step)];
+        }
+        self.scales[row] * (even + odd)
+    }
+}
+
+impl LinearOperator for SparseRows {
+    fn len(&self) -> usize {
+        self.n_rows()
+    }
+
+    fn apply(&self, x: &[DVec3], out: &mut [DVec3]) {
+        assert!(x.len() == self.n_columns as usize && out.len() == x.len() && self.n_rows() == x.len(), "square");
+        // Each row is summed by one worker in its own order, so that bits do not depend on how rows are dealt out.
+        out.copy_from_slice(&parallel::map(out.len(), || (), |(), row| self.row_times(row, x)));
+    }
+
+    fn row_sums(&self) -> Vec<DVec3> {
+        self.row_sums.clone()
+    }
+
+    fn rows(&self) -> Option<&SparseRows> {
+        Some(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn product_and_sums_of_a_small_matrix() {
+        let mut g = SparseRows::new(3);
+        g.push_row(&[(1, Rgb::new(0.5, 0.25, 0.0))]);
+        g.push_row(&[]);
+        g.push_row(&[(0, Rgb::splat(0.125)), (2, Rgb::splat(0.5))]);
+        let mut out = [DVec3::ONE; 3];
+        g.apply(&[DVec3::splat(8.0), DVec3::splat(4.0), DVec3::splat(2.0)], &mut out);
+        assert_eq!(out[..2], [DVec3::new(2.0, 1.0, 0.0), DVec3::ZERO]);
+        assert!((out[2] - 2.0).abs().max_element() < 1e-5, "{}", out[2]);
+        assert_eq!(g.row_sum(2), Rgb::splat(0.625));
+        assert_eq!((g.n_entries(), g.row(2).map(|(j, _)| j).collect::<Vec<_>>()), (3, vec![0, 2]));
+    }
+
+    #[test]
+    fn weights_are_kept_to_16_bits_of_the_largest_and_row_sums_exactly() {
+        let mut g = SparseRows::new(2000);
+        let row: Vec<(u32, Rgb)> =
+            (0..1000).map(|i| (2 * i, Rgb::new(1e-3, 1e-9, 0.0) * (1 + i * i % 97) as f32)).collect();
+        g.push_row(&row);
+        let mut sum = DVec3::ZERO;
+        for ((column, weight), (expected_column, expected)) in g.row(0).zip(&row) {
+            assert_eq!(column, *expected_column);
+            let error = (weight - expected.as_dvec3()).abs() / DVec3::new(97e-3, 97e-9, 1.0);
+            assert!(error.max_element() <= 1.1 * 0.5 / 65535.0, "{error}");
+            sum += expected.as_dvec3();
+        }
+        let stored: DVec3 = g.row(0).map(|(_, weight)| weight).sum();
+        assert!((stored / sum - 1.0).abs().truncate().max_element() < 1e-13 && stored.z == 0.0);
+    }
+
+    #[test]
+    fn gaps_of_any_width_are_bridged() {
+        let mut g = SparseRows::new(1_000_000);
+        let columns = [0, 65_535, 131_071, 200_000, 999_999];
+        g.push_row(&columns.map(|j| (j, Rgb::ONE)));
+        let kept: Vec<u32> = g.row(0).filter(|(_, w)| *w != DVec3::ZERO).map(|(j, _)| j).collect();
+        assert_eq!(kept, columns);
+    }
+
+    #[test]
+    #[should_panic(expected = "columns ascend")]
+    fn unmerged_columns_are_refused() {
+        SparseRows::new(2).push_row(&[(1, Rgb::ONE), (1, Rgb::ONE)]);
+    }
+
+    #[test]
+    #[should_panic(expected = "not negative")]
+    fn negative_weights_are_refused() {
+        SparseRows::new(2).push_row(&[(1, Rgb::splat(-0.1))]);
+    }
+}

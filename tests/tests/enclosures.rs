@@ -1,0 +1,207 @@
+//! Enclosures with closed forms: spheres, ports, pinholes, cubes, and the singular ones.
+
+use std::f64::consts::PI;
+
+use hplt::geom::glam::DVec3;
+use hplt::geom::{Environment, Material, Rgb, Scene, SceneBuilder, TriangleId};
+use hplt::reference::closed_forms;
+use hplt::reference::scenes::{self, Shape};
+use hplt::transport::{Error, StopReason, Threshold, TransportOptions};
+use hplt_tests::checks::{hemisphere, worst};
+use hplt_tests::{Prepared, Setup, area_mean, assert_equivalent, replicated};
+
+/// The area of the triangles that `select` takes, scene units.
+fn area_of(scene: &Scene, select: impl Fn(&Material) -> bool) -> f64 {
+    let triangles = (0..scene.mesh().n_triangles() as u32).map(TriangleId);
+    triangles.filter(|&t| select(scene.material(t))).map(|t| scene.mesh().area(t)).sum()
+}
+
+/// A6: albedo 1, closed, nothing emits: the smallest solution is 0.
+#[test]
+fn a6_albedo_one_without_light_is_black() {
+    let scene = scenes::build(scenes::furnace_box(Rgb::ONE, Rgb::ZERO));
+    let solved = Prepared::new(scene, Setup::default()).solve().unwrap();
+    assert_eq!(solved.report.stop, StopReason::NoLight);
+    assert!(solved.finest().iter().all(|e| *e == Rgb::ZERO));
+}
+
+/// A8: albedo 1 - 1e-4 and 1 - 1e-6, closed: an answer within the bound that comes with it, or a refusal; never a wrong bound.
+#[test]
+fn a8_albedo_almost_one_never_claims_too_much() {
+    for (albedo, max_bounces) in [(0.9999f32, 60_000), (0.9999, 1000), (0.999_999, 5000)] {
+        let scene = scenes::build(scenes::furnace_box(Rgb::splat(albedo), Rgb::ONE));
+        let mut setup = Setup { radius: 1.0, ..hemisphere(1, 8, 1e-2) };
+        setup.transport.max_bounces = max_bounces;
+        match Prepared::new(scene, setup).solve() {
+            Ok(solved) => {
+                let exact = (1.0 / (1.0 - f64::from(albedo))) as f32;
+                let values = solved.finest();
+                let error = worst(&values, Rgb::splat(exact));
+                // The bound is relative to what was found.
+                let claimed = solved.report.truncation_bound * values[0].x / exact;
+                println!("{albedo}: off by {error:e}, claims {claimed:e}, {} bounces", solved.report.bounces.len());
+                assert!(error <= 1.01 * claimed + 1e-4, "{albedo}: off by {error:e}, claims {claimed:e}");
+                assert_eq!(solved.report.stop == StopReason::Converged, max_bounces == 60_000);
+            }
+            Err(error) => {
+                println!("{albedo}: {error}");
+                assert!(matches!(error, Error::NoFiniteSolution { .. }) && albedo > 0.9999, "{error}");
+            }
+        }
+    }
+}
+
+/// A11: an integrating sphere with a lamp, a black port and walls of high albedo.
+#[test]
+fn a11_integrating_sphere_with_a_lamp_and_a_port() {
+    for (albedo, margin) in [(0.9f32, 0.025), (0.98, 0.05)] {
+        let wall = Material::diffuse("wall", Rgb::splat(albedo));
+        let lamp = Material::emitter("lamp", Rgb::splat(albedo), Rgb::splat(10.0));
+        let port = Material::diffuse("port", Rgb::ZERO);
+        let choose = |d: DVec3| if d.y > 0.9 { 1 } else { 2 * usize::from(d.x > 0.9) };
+        let scene = scenes::build(scenes::sphere(1.0, 5120, &[wall, lamp, port], choose));
+        let all = area_of(&scene, |_| true);
+        let lit = area_of(&scene, Material::is_emissive) / all;
+        let black = area_of(&scene, |m| m.albedo == Rgb::ZERO) / all;
+        let exact = closed_forms::integrating_sphere_irradiance(10.0 * lit, f64::from(albedo) * (1.0 - black));
+        let mean = replicated(6, |seed| {
+            let mut setup = hemisphere(1, 64, 1e-3);
+            (setup.radius, setup.direct.seed, setup.transport.seed) = (0.12, seed, seed);
+            setup.direct.sky_samples = 4096;
+            let prepared = Prepared::new(scene.clone(), setup);
+            let solved = prepared.solve().unwrap();
+            assert_eq!(solved.report.n_escaped(), 0);
+            area_mean(prepared.basis.points(0), &solved.finest())
+        });
+        assert_equivalent(&format!("integrating sphere, albedo {albedo}"), &mean, exact, margin);
+    }
+}
+
+/// A sphere of albedo `albedo` whose cap `y > 1 - 2f` is open to a sky of radiance 1, and the fraction of area that is open.
+fn pinhole(fraction: f64, facets: usize, albedo: f32) -> (Scene, f64) {
+    let wall = Material::diffuse("wall", Rgb::splat(albedo));
+    let full = scenes::geodesic_sphere(1.0, facets);
+    let mut builder = SceneBuilder::new();
+    let id = builder.push_material(wall);
+    let mut open = full.mapped(|p| p);
+    open.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    let middle = |t: &[u32; 3]| t.iter().map(|&v| full.positions[v as usize]).sum::<DVec3>().normalize();
+    open.triangles.retain(|t| middle(t).y <= 1.0 - 2.0 * fraction);
+    open.push_into(&mut builder, "sphere", id);
+    builder.set_environment(Environment::constant(Rgb::ONE).unwrap());
+    (scenes::build(builder), 1.0 - open.area() / full.area())
+}
+
+/// A12: a sphere with a hole to the sky: `H = fπL/(1-ρ(1-f))`.
+#[test]
+fn a12_a_hole_to_the_sky() {
+    for (fraction, albedo, margin) in [(0.5, 0.8, 0.01), (0.1, 0.5, 0.015), (1e-2, 0.8, 0.05)] {
+        let (scene, open) = pinhole(fraction, 5120, albedo);
+        let exact = closed_forms::cap_cavity_irradiance(open, albedo.into(), 1.0);
+        let mean = replicated(6, |seed| {
+            let mut setup = hemisphere(1, 128, 1e-3);
+            (setup.radius, setup.direct.seed, setup.transport.seed) = (0.05, seed, seed);
+            setup.direct.sky_samples = 1024;
+            let prepared = Prepared::new(scene.clone(), setup);
+            let solved = prepared.solve().unwrap();
+            // The outside sees the sky too; the inside is what the closed form speaks of.
+            let top = prepared.basis.n_levels() - 1;
+            let inside = prepared.basis.points(top).iter().zip(solved.finest());
+            let (points, values): (Vec<_>, Vec<_>) =
+                inside.filter(|(p, _)| p.position.dot(p.normal) < 0.0).map(|(p, e)| (*p, e)).unzip();
+            area_mean(&points, &values)
+        });
+        assert_equivalent(&format!("hole of {open:.5}, albedo {albedo}"), &mean, exact, margin);
+    }
+}
+
+/// A13: concentric spheres from nearly touching to far apart; the inner one hides the other side of the outer one.
+#[test]
+fn a13_concentric_spheres_of_all_ratios() {
+    for q in [0.9f64, 0.01] {
+        let inner_radius = q.sqrt();
+        let inner = Material::emitter("inner", Rgb::splat(0.5), Rgb::ONE);
+        let outer = Material::emitter("outer", Rgb::splat(0.7), Rgb::splat(0.1));
+        let scene = scenes::build(scenes::concentric_spheres(inner_radius, 1.0, 5120, inner, outer));
+        let [b1, b2] = closed_forms::concentric_spheres([inner_radius, 1.0], [1.0, 0.1], [0.5, 0.7]);
+        let middle = scene.frame().scene_from_world_length(0.5 * (inner_radius + 1.0));
+        let solves: Vec<[f64; 2]> = (0..6)
+            .map(|seed| {
+                let mut setup = hemisphere(1, 128, 1e-3);
+                (setup.radius, setup.direct.seed, setup.transport.seed) = (0.06, seed, seed);
+                let prepared = Prepared::new(scene.clone(), setup);
+                let values = prepared.solve().unwrap().finest();
+                [true, false].map(|is_inner| {
+                    let all = prepared.basis.points(0).iter().zip(&values);
+                    let of_sphere = all.filter(|(p, _)| (p.position.length() < middle) == is_inner);
+                    let (points, values): (Vec<_>, Vec<_>) = of_sphere.map(|(p, e)| (*p, *e)).unzip();
+                    area_mean(&points, &values)
+                })
+            })
+            .collect();
+        let [first, second] = [0, 1].map(|i| replicated(6, |seed| solves[seed as usize][i]));
+        assert_equivalent(&format!("inner sphere, q = {q}"), &first, (b1 - 1.0) / 0.5, 0.015);
+        assert_equivalent(&format!("outer sphere, q = {q}"), &second, (b2 - 0.1) / 0.7, 0.015);
+    }
+}
+
+/// A closed cube of `width` metres around a point light of `flux`.
+fn lit_cube(width: f64, flux: f64, albedo: f32) -> Scene {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(albedo)));
+    Shape::new().room(DVec3::ZERO, DVec3::splat(width)).push_into(&mut builder, "cube", wall);
+    builder.push_point_light("lamp", DVec3::splat(0.5 * width), Rgb::splat((flux / (4.0 * PI)) as f32));
+    scenes::build(builder)
+}
+
+/// Every function gathered, pushed down plainly: what is left is noise and the width of the functions.
+fn fully_refined(n_rays: u32) -> TransportOptions {
+    let threshold = Threshold { absolute: 0.0, relative: 0.0, noise: 0.0 };
+    TransportOptions { n_rays, threshold, shaped_push_down: false, ..TransportOptions::production() }
+}
+
+/// CIE 171:2006 5.8: the mean indirect illuminance of a 4 m cube, 10 000 lm: `(Φ/S)ρ/(1-ρ)`, as an area mean.
+#[test]
+fn cie_171_5_8_mean_indirect_illuminance() {
+    for (albedo, _) in closed_forms::CIE_171_5_8.into_iter().filter(|(a, _)| [0.05, 0.5, 0.95].contains(a)) {
+        let exact = closed_forms::mean_indirect_irradiance(10_000.0, albedo, 96.0);
+        let mean = replicated(6, |seed| {
+            let transport = TransportOptions { seed, tolerance: 1e-4, ..fully_refined(32) };
+            let setup = Setup { n_levels: 1, transport, ..Setup::default() };
+            let prepared = Prepared::new(lit_cube(4.0, 10_000.0, albedo as f32), setup);
+            let solved = prepared.solve().unwrap();
+            area_mean(prepared.basis.points(0), solved.indirect.level(0))
+        });
+        assert_equivalent(&format!("CIE 171 5.8, albedo {albedo}"), &mean, exact, 0.02);
+    }
+}
+
+/// A20, B12: in a closed scene of one albedo the mean irradiance is `Φ/((1-ρ)A)`, whatever stands and shines in it: what is
+/// emitted is absorbed.
+#[test]
+fn a20_what_is_emitted_is_absorbed() {
+    let albedo = 0.6f32;
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(albedo)));
+    let lamp = builder.push_material(Material::emitter("lamp", Rgb::splat(albedo), Rgb::splat(20.0)));
+    Shape::new().room(DVec3::ZERO, DVec3::new(3.0, 2.0, 2.5)).push_into(&mut builder, "room", wall);
+    let mut clutter = Shape::new();
+    clutter.cuboid(DVec3::new(0.5, 0.2, 0.4), DVec3::new(1.1, 1.0, 1.0));
+    clutter.cuboid(DVec3::new(1.6, 0.5, 1.0), DVec3::new(2.2, 0.9, 2.0));
+    clutter.push_into(&mut builder, "clutter", wall);
+    let mut lamps = Shape::new();
+    lamps.cuboid(DVec3::new(1.2, 1.6, 1.1), DVec3::new(1.6, 1.7, 1.5));
+    lamps.push_into(&mut builder, "lamp", lamp);
+    let area = 2.0 * (3.0 * 2.0 + 3.0 * 2.5 + 2.0 * 2.5) + clutter.area() + lamps.area();
+    let exact = closed_forms::mean_irradiance(20.0 * lamps.area(), albedo.into(), area);
+    let scene = scenes::build(builder);
+    let mean = replicated(6, |seed| {
+        let transport = TransportOptions { seed, n_rays: 128, ..TransportOptions::production() };
+        let prepared = Prepared::new(scene.clone(), Setup { n_levels: 3, transport, ..Setup::default() });
+        let solved = prepared.solve().unwrap();
+        assert_eq!(solved.report.n_escaped(), 0);
+        let top = prepared.basis.n_levels() - 1;
+        area_mean(prepared.basis.points(top), &solved.finest())
+    });
+    assert_equivalent("mean of a closed room", &mean, exact, 0.02);
+}

@@ -1,0 +1,342 @@
+//! Stiff and extreme input: bright and dim, many, tiny, coincident, far away, broken.
+
+use hplt::geom::glam::{DVec3, Vec3};
+use hplt::geom::{BuildPolicy, Bvh, BvhOptions, Material, MeshInput, Rgb, Scene, SceneBuilder, SceneReport};
+use hplt::reference::closed_forms;
+use hplt::reference::scenes::{self, Shape};
+use hplt::sampling::Warning;
+use hplt::transport::{DirectEstimator, DirectOptions, TransportOptions};
+use hplt_tests::checks::{hemisphere, worst};
+use hplt_tests::{Prepared, Setup, area_mean};
+
+fn furnace_wall(albedo: f32) -> Material {
+    Material::emitter("wall", Rgb::splat(albedo), Rgb::ONE)
+}
+
+fn unit_room() -> Shape {
+    Shape::new().room(DVec3::ZERO, DVec3::ONE).clone()
+}
+
+/// A furnace of the given triangles, and what was repaired.
+fn furnace_of(shape: &Shape, albedo: f32, policy: BuildPolicy) -> (Scene, SceneReport) {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(furnace_wall(albedo));
+    shape.push_into(&mut builder, "room", wall);
+    builder.build(policy).unwrap()
+}
+
+/// Solves a furnace and asserts that it is one, no ray lost.
+fn assert_furnace(what: &str, scene: Scene, expected: f32) {
+    let prepared = Prepared::new(scene, hemisphere(2, 16, 1e-6));
+    let solved = prepared.solve().unwrap();
+    assert_eq!(solved.report.n_escaped(), 0, "{what}");
+    let error = worst(&solved.finest(), Rgb::splat(expected));
+    assert!(error <= 1e-5 * expected, "{what}: {error:e}");
+}
+
+/// C8: lamps of 1e-12 and 1e12 W/m² in one room: each alone is right to rounding, together the bright one rules.
+#[test]
+fn c8_a_dim_and_a_bright_lamp_in_one_room() {
+    let lit = |exitances: [f32; 2]| {
+        let mut builder = SceneBuilder::new();
+        let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(0.5)));
+        unit_room().push_into(&mut builder, "room", wall);
+        for (i, exitance) in exitances.into_iter().enumerate() {
+            let lamp = builder.push_material(Material::emitter("lamp", Rgb::ZERO, Rgb::splat(exitance)));
+            let (x, y) = (0.2 + 0.4 * i as f64, 0.9);
+            let corners = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2), (0.0, 0.2)];
+            Shape::new().quad(corners.map(|(a, b)| DVec3::new(x + a, y, 0.4 + b))).push_into(
+                &mut builder,
+                "lamp",
+                lamp,
+            );
+        }
+        let transport = TransportOptions { n_rays: 64, ..TransportOptions::production() };
+        Prepared::new(scenes::build(builder), Setup { n_levels: 3, transport, ..Setup::default() })
+            .solve()
+            .unwrap()
+            .finest()
+    };
+    let (dim, bright, both) = (lit([1e-12, 1e-12]), lit([1e12, 1e12]), lit([1e-12, 1e12]));
+    for (d, b) in dim.iter().zip(&bright) {
+        assert!((*d * 1e24 / *b - Rgb::ONE).abs().max_element() < 1e-4, "{d} {b}");
+    }
+    assert!(both.iter().zip(&bright).all(|(e, b)| e.is_finite() && e.cmple(*b * 1.0001).all()));
+}
+
+/// D4: zero-area, collinear and repeated-index triangles are dropped and counted; the furnace does not notice.
+#[test]
+fn d4_degenerate_triangles_are_dropped() {
+    let mut shape = unit_room();
+    shape.triangle([DVec3::ZERO, DVec3::ZERO, DVec3::X]);
+    shape.triangle([DVec3::ZERO, DVec3::X * 0.3, DVec3::X]);
+    shape.triangles.push([0, 0, 1]);
+    let (scene, report) = furnace_of(&shape, 0.5, BuildPolicy::default());
+    assert_eq!(report.degenerate, 3);
+    assert_furnace("degenerate", scene, 2.0);
+}
+
+/// D5: a vertex that is no number is an error that says where; dropped on request, and counted.
+#[test]
+fn d5_vertices_that_are_no_numbers() {
+    for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY, 1e19] {
+        let mut shape = unit_room();
+        shape.triangle([DVec3::new(0.5, bad, 0.5), DVec3::X, DVec3::Z]);
+        let mut builder = SceneBuilder::new();
+        let wall = builder.push_material(furnace_wall(0.5));
+        shape.push_into(&mut builder, "room", wall);
+        let message = builder.build(BuildPolicy::default()).unwrap_err().to_string();
+        assert!(message.contains("room") && message.contains("position.y"), "{message}");
+        let (scene, report) = furnace_of(&shape, 0.5, BuildPolicy { drop_bad_triangles: true, ..Default::default() });
+        assert_eq!(report.non_finite, 1);
+        assert_furnace("dropped", scene, 2.0);
+    }
+}
+
+/// D6: twenty thousand copies of a wall are one wall; the tree stays flat and the energy single.
+#[test]
+fn d6_coincident_copies_are_one_surface() {
+    let mut shape = unit_room();
+    let last = shape.triangles[11];
+    shape.triangles.extend(std::iter::repeat_n(last, 20_000));
+    let (scene, report) = furnace_of(&shape, 0.5, BuildPolicy::default());
+    assert_eq!((report.duplicates, scene.mesh().n_triangles()), (20_000, 12));
+    // The same place with corners a hair apart cannot be merged.
+    for i in 0..20_000 {
+        let shift = DVec3::splat(1e-9 * f64::from(i));
+        shape.triangle(last.map(|v| shape.positions[v as usize] + shift));
+    }
+    let (stacked, _) = furnace_of(&shape, 0.5, BuildPolicy::default());
+    let (_, tree) = Bvh::build(&stacked, BvhOptions::default());
+    let limit = 64 + 2 * (stacked.mesh().n_triangles() as f64).log2().ceil() as usize;
+    assert!(tree.binary_depth <= limit, "{tree:?}");
+    assert_furnace("stacked", scene, 2.0);
+}
+
+/// D7: two materials in one place: the first in the file wins, counted.
+#[test]
+fn d7_two_materials_in_one_place() {
+    let build = |first: f32, second: f32| {
+        let mut builder = SceneBuilder::new();
+        for albedo in [first, second] {
+            let wall = builder.push_material(furnace_wall(albedo));
+            unit_room().push_into(&mut builder, "room", wall);
+        }
+        builder.build(BuildPolicy::default()).unwrap()
+    };
+    for (first, second, expected) in [(0.5, 0.9, 2.0), (0.75, 0.0, 4.0)] {
+        let (scene, report) = build(first, second);
+        assert_eq!((report.duplicates, report.duplicates_of_other_material), (12, 12));
+        assert_furnace("two materials", scene, expected);
+    }
+}
+
+/// D13: sixty closed boxes, one of them lit: the others are exactly black, and none of them costs a gather.
+#[test]
+fn d13_one_lit_box_among_many() {
+    let mut builder = SceneBuilder::new();
+    let dark = builder.push_material(Material::diffuse("dark", Rgb::splat(0.9)));
+    let lit = builder.push_material(furnace_wall(0.9));
+    for i in 0..60 {
+        let min = DVec3::new(f64::from(i % 20), f64::from(i / 20), 0.0) * 1.5;
+        let wall = if i == 47 { lit } else { dark };
+        Shape::new().room(min, min + 1.0).push_into(&mut builder, "box", wall);
+    }
+    let prepared = Prepared::new(scenes::build(builder), Setup { radius: 0.05, ..hemisphere(1, 16, 1e-6) });
+    let solved = prepared.solve().unwrap();
+    assert_eq!(prepared.basis.hierarchy().n_regions, 1);
+    assert!(worst(&solved.finest(), Rgb::splat(10.0)) <= 2e-5);
+    let frame = prepared.scene.frame();
+    let middle = frame.scene_from_world_point(DVec3::new(7.0, 2.0, 0.0) * 1.5 + 0.5);
+    for point in prepared.basis.points(0) {
+        let distance = frame.world_from_scene_length((point.position - middle).length());
+        assert!(distance < 1.0, "a function in a dark box: {point:?}");
+    }
+    let elsewhere = prepared.locate_world(&[(DVec3::new(0.5, 0.0, 0.5), Vec3::Y)]);
+    assert_eq!(prepared.interpolated_at(&solved, &elsewhere), [Rgb::ZERO]);
+}
+
+/// D14: walls wound the wrong way reflect all the same: surfaces are two-sided.
+#[test]
+fn d14_inverted_winding_reflects_the_same() {
+    let solve = |invert: bool| {
+        let mut shape = unit_room();
+        if invert {
+            shape.triangles.iter_mut().step_by(2).for_each(|t| t.swap(1, 2));
+        }
+        let mut builder = SceneBuilder::new();
+        let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(0.6)));
+        shape.push_into(&mut builder, "room", wall);
+        builder.push_point_light("lamp", DVec3::new(0.4, 0.6, 0.5), Rgb::ONE);
+        let transport = TransportOptions { n_rays: 64, ..TransportOptions::production() };
+        let setup = Setup { n_levels: 3, transport, ..Setup::default() };
+        let prepared = Prepared::new(scenes::build(builder), setup);
+        let solved = prepared.solve().unwrap();
+        area_mean(prepared.basis.points(2), &solved.finest())
+    };
+    let (right, wrong) = (solve(false), solve(true));
+    assert!((wrong / right - 1.0).abs() < 0.02, "{right} {wrong}");
+}
+
+/// D15: shading normals that are missing, zero, no numbers or upside down leave the transport alone.
+#[test]
+fn d15_bad_shading_normals_do_not_matter() {
+    for normal in [Vec3::ZERO, Vec3::NAN, Vec3::splat(7.0), Vec3::NEG_Y] {
+        let shape = unit_room();
+        let normals = vec![normal; shape.positions.len()];
+        let mut builder = SceneBuilder::new();
+        let wall = builder.push_material(furnace_wall(0.5));
+        let (positions, triangles) = (&shape.positions, &shape.triangles);
+        let mesh = MeshInput { name: "room", positions, normals: &normals, uvs: &[], triangles, material: wall };
+        builder.push_mesh(mesh).unwrap();
+        let (scene, report) = builder.build(BuildPolicy::default()).unwrap();
+        // Zero means that the file has none.
+        let is_bad = normal.is_nan() || normal.length() > 2.0;
+        assert_eq!(report.repaired_normals > 0, is_bad, "{normal}");
+        assert_furnace("normals", scene, 2.0);
+    }
+}
+
+/// D18: gaps of a thousandth between the walls leak what they must, and the leak is counted.
+#[test]
+fn d18_a_gap_leaks_and_is_counted() {
+    let leak = |gap: f64| {
+        let mut scene = Shape::new();
+        scene.room(DVec3::ZERO, DVec3::ONE);
+        // One wall drawn in, so that a slit runs around it.
+        let mut builder = SceneBuilder::new();
+        let wall = builder.push_material(furnace_wall(0.5));
+        scene.positions[0..4].iter_mut().for_each(|p| {
+            *p = DVec3::new(p.x, 0.5 + (p.y - 0.5) * (1.0 - 2.0 * gap), 0.5 + (p.z - 0.5) * (1.0 - 2.0 * gap));
+        });
+        scene.push_into(&mut builder, "room", wall);
+        let prepared = Prepared::new(scenes::build(builder), hemisphere(2, 256, 1e-3));
+        let report = prepared.solve().unwrap().report;
+        report.n_escaped() as f64 / report.n_rays() as f64
+    };
+    assert_eq!(leak(0.0), 0.0);
+    let (narrow, wide) = (leak(1e-3), leak(1e-2));
+    println!("leaked shares: {narrow:e} {wide:e}");
+    // The slit is 4·gap of six faces.
+    assert!((2e-4..2e-3).contains(&narrow) && (2e-3..2e-2).contains(&wide), "{narrow:e} {wide:e}");
+}
+
+/// D23: a triangle a kilometre wide among many of a millimetre: no explosion of points, and they are lit.
+#[test]
+fn d23_a_kilometre_among_millimetres() {
+    let mut builder = SceneBuilder::new();
+    let ground = builder.push_material(Material::diffuse("ground", Rgb::splat(0.5)));
+    Shape::new()
+        .triangle([DVec3::new(-500.0, 0.0, -500.0), DVec3::new(0.0, 0.0, 500.0), DVec3::new(500.0, 0.0, -500.0)])
+        .push_into(&mut builder, "ground", ground);
+    let mut crumbs = Shape::new();
+    for i in 0..5000 {
+        let at = DVec3::new(f64::from(i % 71), 1.0, f64::from(i / 71)) * 0.01;
+        crumbs.triangle([at, at + DVec3::Z * 1e-3, at + DVec3::X * 1e-3]);
+    }
+    crumbs.push_into(&mut builder, "crumbs", ground);
+    builder.push_directional_light("sun", Vec3::Y, Rgb::ONE, 0.0);
+    let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 2, ..Setup::default() });
+    assert!(prepared.basis.hierarchy().n_points() < 100_000, "{}", prepared.basis.hierarchy().n_points());
+    let up = prepared.locate_world(&[(DVec3::new(2e-4, 1.0, 2e-4), Vec3::Y)]);
+    assert!((prepared.direct_at(&up)[0].x - 1.0).abs() < 1e-6);
+}
+
+/// E1, E2, E3: more levels than the points allow, a radius beyond the scene, one far below it.
+#[test]
+fn e1_e2_e3_radii_beyond_reason() {
+    use hplt::geom::NoProgress;
+    use hplt::sampling::{HierarchyOptions, Radius, poisson_hierarchy};
+    let scene = scenes::build(scenes::furnace_box(Rgb::splat(0.5), Rgb::ONE));
+    let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+    let make = |n_levels, coarsest_radius| {
+        let options =
+            HierarchyOptions { n_levels, coarsest_radius, max_points: 10_000, ..HierarchyOptions::production() };
+        poisson_hierarchy(&scene, &bvh, &options, &NoProgress)
+    };
+    let many = make(20, Radius::Fraction(0.1)).unwrap();
+    assert!(many.points.levels.len() < 20);
+    assert!(many.report.warnings.iter().any(|w| matches!(w, Warning::FewerLevels { asked: 20, .. })));
+    let huge = make(1, Radius::World(1e6)).unwrap();
+    assert!(huge.report.warnings.iter().any(|w| matches!(w, Warning::RadiusCapped { .. })));
+    assert!(huge.points.n_points() >= 6, "{}", huge.points.n_points());
+    assert!(make(1, Radius::Fraction(1e-6)).unwrap_err().to_string().contains("points"));
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(make(2, Radius::Fraction(bad)).is_err(), "{bad}");
+    }
+}
+
+/// `n` small emitting triangles on the ceiling of a closed room, 1 W in all; everything else reflects `albedo`.
+fn many_lamps(n: u32, albedo: f32) -> (Scene, f64) {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(albedo)));
+    let across = f64::from(n).sqrt().ceil();
+    let size = 0.5 / across;
+    let exitance = 1.0 / (f64::from(n) * 0.5 * size * size);
+    let lamp = builder.push_material(Material::emitter("lamp", Rgb::splat(albedo), Rgb::splat(exitance as f32)));
+    unit_room().push_into(&mut builder, "room", wall);
+    let mut lamps = Shape::new();
+    for i in 0..n {
+        let at = DVec3::new((f64::from(i) % across) / across, 0.9, (f64::from(i) / across).floor() / across);
+        let at = at * DVec3::new(0.9, 1.0, 0.9) + DVec3::new(0.05, 0.0, 0.05);
+        lamps.triangle([at, at + DVec3::X * size, at + DVec3::Z * size]);
+    }
+    lamps.push_into(&mut builder, "lamps", lamp);
+    (scenes::build(builder), 6.0 + 2.0 * lamps.area())
+}
+
+fn assert_many_lamps(n: u32, margin: f64) {
+    let albedo = 0.5;
+    let (scene, area) = many_lamps(n, albedo);
+    let exact = closed_forms::mean_irradiance(1.0, albedo.into(), area);
+    let transport = TransportOptions { n_rays: 64, ..TransportOptions::production() };
+    let direct = DirectOptions { estimator: DirectEstimator::Lights, ..DirectOptions::projection() };
+    let setup = Setup { n_levels: 3, radius: 0.05, direct, transport };
+    let prepared = Prepared::new(scene, setup);
+    let solved = prepared.solve().unwrap();
+    assert_eq!(solved.report.n_escaped(), 0);
+    let mean = area_mean(prepared.basis.points(2), &solved.finest());
+    println!("{n} lamps: mean {mean} for {exact}, {} functions", prepared.basis.hierarchy().n_points());
+    assert!((mean / exact - 1.0).abs() < margin, "{n} lamps: {mean} for {exact}");
+}
+
+/// C9: a thousand emitters; the mean of the room is what they emit over what is absorbed.
+#[test]
+fn c9_a_thousand_emitters() {
+    assert_many_lamps(1000, 0.03);
+}
+
+/// C9 at its full size.
+#[test]
+#[ignore = "slow: a million emitters"]
+fn c9_a_million_emitters() {
+    assert_many_lamps(1_000_000, 0.03);
+}
+
+/// D22: ten million triangles: the furnace is exact, the BVH within 90 bytes a triangle, as the command estimates.
+#[test]
+#[ignore = "slow: ten million triangles"]
+fn d22_ten_million_triangles() {
+    let n = 913;
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(furnace_wall(0.5));
+    let mut room = Shape::new();
+    for [a, b, c, d] in room_faces() {
+        room.grid([a, b, c, d], n, n);
+    }
+    // Neighbouring faces agree on the corners of their common edge to the last bit only on a grid of exact fractions.
+    let snapped = room.mapped(|p| (p * f64::from(n)).round() / f64::from(n));
+    snapped.push_into(&mut builder, "room", wall);
+    let scene = scenes::build(builder);
+    let n_triangles = scene.mesh().n_triangles();
+    assert!(n_triangles >= 10_000_000, "{n_triangles}");
+    let (_, report) = Bvh::build(&scene, BvhOptions::default());
+    println!("{n_triangles} triangles: {} bytes each", report.memory as f64 / n_triangles as f64);
+    assert!(report.memory as f64 <= 1.1 * 90.0 * n_triangles as f64, "{report:?}");
+    assert_furnace("ten million triangles", scene, 2.0);
+}
+
+fn room_faces() -> Vec<[DVec3; 4]> {
+    let room = unit_room();
+    room.positions.chunks(4).map(|c| [c[0], c[1], c[2], c[3]]).collect()
+}
