@@ -1,8 +1,8 @@
 use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, parallel};
 use hplt_kdtree::KdTree;
 
-use crate::finest::FinestIndex;
 use crate::kernel::distance_squared;
+use crate::nearest::NearestIndex;
 use crate::{Kernel, Parents, smoothstep};
 
 /// The shape of the basis functions.
@@ -66,18 +66,18 @@ pub struct ShepardBasis {
     trees: Vec<KdTree>,
     parents: Vec<Parents>,
     options: BasisOptions,
-    /// Where some levels are not everywhere.
-    finest: Option<FinestIndex>,
+    /// One per level, where some levels are not everywhere.
+    nearest: Vec<NearestIndex>,
 }
 
 impl ShepardBasis {
     /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
     pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
         let trees = hierarchy.levels.iter().map(tree_of).collect();
-        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, finest: None };
+        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, nearest: Vec::new() };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
         if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
-            basis.finest = Some(FinestIndex::build(&basis));
+            basis.nearest = basis.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
         }
         basis
     }
@@ -178,10 +178,13 @@ impl ShepardBasis {
         near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
     }
 
-    /// Level and index of the nearest function that nothing finer stands in for, by an index over all of them; outer `None`
-    /// when there is no such index.
-    pub(crate) fn finest_nearest(&self, query: &OrientedPoint) -> Option<Option<(usize, u32)>> {
-        self.finest.as_ref().map(|index| index.nearest(query, self.support(0)))
+    /// As [`approximate_nearest`](Self::approximate_nearest), by the index of the level where there is one, and without the search
+    /// unless `is_thorough`.
+    pub(crate) fn quick_nearest(&self, level: usize, query: &OrientedPoint, is_thorough: bool) -> Option<u32> {
+        match self.nearest.get(level) {
+            Some(index) => index.nearest(query, self.support(level), is_thorough),
+            None => self.approximate_nearest(level, query),
+        }
     }
 
     /// The index of function `i` of `level` among those of all levels, coarsest first.
@@ -195,9 +198,12 @@ impl ShepardBasis {
         assert_eq!(is_refined.len(), self.n_functions(finest), "one flag per function");
         self.hierarchy.levels[finest].is_refined = is_refined;
         self.trees.push(tree_of(&level));
+        if self.nearest.is_empty() {
+            self.nearest = self.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
+        }
+        self.nearest.push(NearestIndex::build(&level.points));
         self.hierarchy.levels.push(level);
         self.parents.push(self.find_parents(finest + 1));
-        self.finest = Some(FinestIndex::build(self));
     }
 
     /// Takes away all levels but the `n_levels` coarsest.
@@ -208,15 +214,15 @@ impl ShepardBasis {
         if let Some(finest) = self.hierarchy.levels.last_mut() {
             finest.is_refined = vec![false; finest.points.len()];
         }
-        self.finest = Some(FinestIndex::build(self));
+        self.nearest.truncate(n_levels);
     }
 
     /// Bytes that trees, parents and points take.
     pub fn memory(&self) -> usize {
         let trees: usize = self.trees.iter().map(KdTree::memory).sum();
         let parents: usize = self.parents.iter().map(Parents::memory).sum();
-        let finest = self.finest.as_ref().map_or(0, FinestIndex::memory);
-        self.hierarchy.memory() + trees + parents + finest
+        let nearest: usize = self.nearest.iter().map(NearestIndex::memory).sum();
+        self.hierarchy.memory() + trees + parents + nearest
     }
 
     fn find_parents(&self, level: usize) -> Parents {

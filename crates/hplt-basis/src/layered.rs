@@ -89,14 +89,10 @@ impl ShepardBasis {
     /// The approximately nearest function on the finest level around `query` among the `n_levels` coarsest, as level and
     /// index there.
     pub fn layered_nearest(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
-        if n_levels >= self.n_levels()
-            && let Some(found) = self.finest_nearest(query)
-        {
-            return found;
-        }
         let mut found = None;
         for level in 0..n_levels {
-            match self.approximate_nearest(level, query) {
+            // Searching pays only on the level that must answer.
+            match self.quick_nearest(level, query, found.is_none()) {
                 Some(function) => {
                     found = Some((level, function));
                     if !self.hierarchy().levels[level].is_refined(function) {

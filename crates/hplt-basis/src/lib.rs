@@ -26,9 +26,9 @@ struct ReadmeExample;
 mod basis;
 mod coefficients;
 mod coverage;
-mod finest;
 mod kernel;
 mod layered;
+mod nearest;
 mod parents;
 mod reconstruction;
 

@@ -169,10 +169,8 @@ impl<'r> Run<'r> {
     ) -> Result<Lit<'s>, Failure> {
         let (settings, reporter) = (self.settings, self.reporter);
         let options = settings.links();
-        let lights =
-            DirectLight::new(scene, DirectOptions { seed: options.seed, ..DirectOptions::projection() });
-        let linked =
-            self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;
+        let lights = DirectLight::new(scene, DirectOptions { seed: options.seed, ..DirectOptions::projection() });
+        let linked = self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;
         self.report.enter_links(&linked, scene.frame().scale(), reporter.stop());
         let Linked { basis, direct, indirect, .. } = linked;
         self.report.enter_memory("points, trees, parents", basis.memory());

@@ -185,9 +185,8 @@ impl RunReport {
     pub fn enter_links(&mut self, linked: &Linked, scale: f64, stopped: Option<Stop>) {
         let report = &linked.report;
         let levels = linked.basis.hierarchy().levels.iter();
-        self.levels = levels
-            .map(|l| LevelRow { points: l.points.len(), radius: f64::from(l.poisson_radius) * scale })
-            .collect();
+        self.levels =
+            levels.map(|l| LevelRow { points: l.points.len(), radius: f64::from(l.poisson_radius) * scale }).collect();
         self.truncation_bound = Some(f64::from(report.solve.bound));
         let row_sum = report.solve.components.iter().map(|c| c.max_row_sum.max_element()).fold(0.0, f32::max);
         self.max_row_sum = Some(f64::from(row_sum));

@@ -2,7 +2,7 @@
 
 use hplt_geom::BuildPolicy;
 use hplt_io::{LightUnit, LoadOptions};
-use hplt_transport::{LinkOptions, SolveOptions, Threshold, TransportOptions};
+use hplt_transport::{LinkOptions, LinkPrecision, SolveOptions, Threshold, TransportOptions};
 
 use crate::args::Common;
 use crate::config::{Config, with_origins};
@@ -123,6 +123,10 @@ impl Settings {
             n_rays: self.transport.n_rays,
             n_levels: self.levels,
             threshold: self.transport.threshold,
+            precision: match self.reconstruction {
+                ReconstructionName::Nearest => LinkPrecision::Nearest,
+                ReconstructionName::Shepard => LinkPrecision::Shepard,
+            },
             solve,
             ..LinkOptions::production()
         }

@@ -160,7 +160,8 @@ fn read_level(
     }
     let extents: Vec<Extent> = extent.chunks_exact(EXTENT_FLOATS).map(extent_from_floats).collect();
     // Heights are infinite where nothing is above or below.
-    let is_good = |e: &Extent| e.below > 0.0 && e.above > 0.0 && e.inverse_depths.iter().all(|d| *d >= 0.0 && d.is_finite());
+    let is_good =
+        |e: &Extent| e.below > 0.0 && e.above > 0.0 && e.inverse_depths.iter().all(|d| *d >= 0.0 && d.is_finite());
     if let Some(bad) = extents.iter().position(|e| !is_good(e)) {
         return Err(refuse(format!("level {l}: extent {bad} is {:?}; expected lengths above 0", extents[bad])));
     }

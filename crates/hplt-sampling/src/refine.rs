@@ -37,14 +37,10 @@ pub fn refined_level(
     let radius = 0.5 * coarse.poisson_radius;
     let refined: Vec<u32> = (0..coarse.points.len() as u32).filter(|&i| is_refined[i as usize]).collect();
     let around = Around { scene, caster, support: 2.0 * coarse.poisson_radius, seed, level };
-    let found = parallel::try_map(
-        refined.len(),
-        Vec::new,
-        |rays, k| {
-            progress.check()?;
-            Ok(around.candidates(refined[k], &coarse.points[refined[k] as usize], rays))
-        },
-    )?;
+    let found = parallel::try_map(refined.len(), Vec::new, |rays, k| {
+        progress.check()?;
+        Ok(around.candidates(refined[k], &coarse.points[refined[k] as usize], rays))
+    })?;
     // One candidate of every point in turn, so that early ones are spread over all.
     let candidates: Vec<OrientedPoint> =
         (0..CANDIDATES as usize).flat_map(|k| found.iter().filter_map(move |of_point| of_point[k])).collect();

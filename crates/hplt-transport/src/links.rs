@@ -219,7 +219,7 @@ struct LinkScratch {
     albedos: Vec<Rgb>,
     direct: Vec<Rgb>,
     events: NextEvents,
-    links: Vec<(u32, Rgb)>,
+    row: RowAccumulator,
     expansion: Vec<Weight>,
     layered: LayeredScratch,
 }
@@ -320,13 +320,7 @@ impl Linker<'_> {
     fn gather(&mut self, level: usize) -> Result<(), Error> {
         let first = self.basis.flat_index(level, 0);
         let points = self.basis.points(level);
-        self.state.direct.extend(direct_irradiance(
-            self.light,
-            self.caster,
-            points,
-            Stage::Direct,
-            self.progress,
-        )?);
+        self.state.direct.extend(direct_irradiance(self.light, self.caster, points, Stage::Direct, self.progress)?);
         let counter = Counter::new(self.progress, "links", points.len());
         let rows = parallel::try_map(points.len(), LinkScratch::default, |scratch, i| {
             counter.step()?;
@@ -371,7 +365,7 @@ impl Linker<'_> {
         let mut groups = Groups::new(n_rays);
         let mut first_bounce = DVec3::ZERO;
         let mut coverage = Coverage::default();
-        scratch.links.clear();
+        scratch.row.begin(self.basis.hierarchy().n_points());
         for k in 0..scratch.queries.len() {
             let albedo = scratch.albedos[k];
             let direct = albedo * scratch.direct[k];
@@ -379,14 +373,14 @@ impl Linker<'_> {
             coverage += self.expand(&scratch.queries[k], &mut scratch.expansion, &mut scratch.layered);
             let mut indirect = Rgb::ZERO;
             for w in &scratch.expansion {
-                scratch.links.push((w.function, albedo * (w.weight / n_rays as f32)));
+                scratch.row.add(w.function, albedo * (w.weight / n_rays as f32));
                 let known = self.state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
                 indirect += known * w.weight;
             }
             groups.add(scratch.ray[k], direct + albedo * indirect);
         }
         Row {
-            links: merged(&mut scratch.links),
+            links: scratch.row.finish(),
             first_bounce: (first_bounce / f64::from(n_rays)).as_vec3(),
             noise: groups.mean_and_noise().1,
             escaped,
@@ -471,17 +465,35 @@ impl Linker<'_> {
     }
 }
 
-/// The entries in ascending order, those of one function added up.
-fn merged(links: &mut [(u32, Rgb)]) -> Vec<(u32, Rgb)> {
-    // Stable, so that weights of one function add up in the order of the rays.
-    links.sort_by_key(|link| link.0);
-    let mut row: Vec<(u32, Rgb)> = Vec::with_capacity(links.len());
-    for &(function, weight) in links.iter() {
-        match row.last_mut() {
-            Some(last) if last.0 == function => last.1 += weight,
-            _ => row.push((function, weight)),
-        }
+/// Adds up the links of one receiver by function.
+#[derive(Default)]
+struct RowAccumulator {
+    /// By function; zero but for those in `touched`.
+    sums: Vec<Rgb>,
+    is_touched: Vec<bool>,
+    touched: Vec<u32>,
+}
+
+impl RowAccumulator {
+    fn begin(&mut self, n: usize) {
+        self.sums.resize(n, Rgb::ZERO);
+        self.is_touched.resize(n, false);
     }
-    row.shrink_to_fit();
-    row
+
+    fn add(&mut self, function: u32, weight: Rgb) {
+        let i = function as usize;
+        if !std::mem::replace(&mut self.is_touched[i], true) {
+            self.touched.push(function);
+        }
+        self.sums[i] += weight;
+    }
+
+    /// The row in ascending order; empty again afterwards.
+    fn finish(&mut self) -> Vec<(u32, Rgb)> {
+        self.touched.sort_unstable();
+        let row = self.touched.iter().map(|&i| (i, std::mem::take(&mut self.sums[i as usize]))).collect();
+        self.touched.iter().for_each(|&i| self.is_touched[i as usize] = false);
+        self.touched.clear();
+        row
+    }
 }

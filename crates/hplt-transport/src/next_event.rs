@@ -53,7 +53,7 @@ impl DirectLight<'_> {
             self.look_around(caster, points, samples, events, out);
         }
         for (i, (point, &sample)) in points.iter().zip(samples).enumerate() {
-let origin = offset_origin(point.position, point.normal);
+            let origin = offset_origin(point.position, point.normal);
             if !self.is_by_hemisphere() {
                 self.towards_emitter((i, point), origin, sample, events);
                 self.towards_sky((i, point), origin, sample, events);
@@ -226,5 +226,61 @@ pub(crate) fn from_point(point: &OrientedPoint, position: glam::Vec3, intensity:
         intensity * (point.normal.dot(to).max(0.0) / (distance_squared * distance_squared.sqrt()))
     } else {
         Rgb::ZERO
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hplt_geom::{Bvh, BvhOptions, NoProgress, RegionId, Scene};
+    use hplt_reference::scenes;
+    use hplt_sampling::random::Stage;
+    use hplt_sampling::sobol::{sobol_2d, sobol_4d};
+
+    use super::*;
+    use crate::{DirectOptions, direct_irradiance};
+
+    /// What the rays of receivers on a grid over the floor of a Cornell box land on, by receiver.
+    fn landings(scene: &Scene, bvh: &Bvh) -> Vec<Vec<(OrientedPoint, Vec2)>> {
+        let receiver = |i: u32| {
+            let (x, z) = (0.05 + 0.1 * (i % 10) as f64, 0.05 + 0.1 * (i / 10) as f64);
+            let position = scene.frame().scene_from_world_point(glam::DVec3::new(0.55 * x, 0.3, 0.55 * z));
+            (0..256u32).filter_map(move |k| {
+                let [a, b, c, d] = sobol_4d(k, i.wrapping_mul(0x9E37_79B9));
+                let direction = warp::cosine_hemisphere(Vec2::new(a, b), glam::Vec3::Y);
+                let hit = bvh.nearest(Ray::new(position, direction));
+                (!hit.is_miss()).then(|| {
+                    let surface = scene.surface_at(&hit);
+                    (OrientedPoint::new(surface.position, surface.normal, RegionId(0)), Vec2::new(c, d))
+                })
+            })
+        };
+        (0..100).map(|i| receiver(i).collect()).collect()
+    }
+
+    fn mean(values: &[Rgb]) -> f64 {
+        values.iter().map(|v| f64::from(luminance(*v))).sum::<f64>() / values.len() as f64
+    }
+
+    /// One shadow ray at every landing is as bright on average as a thousand, also when its sample comes with the direction.
+    #[test]
+    fn one_sample_is_unbiased() {
+        let scene = scenes::build(scenes::cornell_box());
+        let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+        let light = DirectLight::new(&scene, DirectOptions::measurement());
+        let (mut once, mut exact, mut own) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, of_receiver) in landings(&scene, &bvh).iter().enumerate() {
+            let points: Vec<OrientedPoint> = of_receiver.iter().map(|l| l.0).collect();
+            let together: Vec<Vec2> = of_receiver.iter().map(|l| l.1).collect();
+            let apart: Vec<Vec2> = (0..points.len() as u32).map(|k| sobol_2d(k, i as u32, 7)).collect();
+            let (mut events, mut out) = (NextEvents::default(), Vec::new());
+            light.irradiance_once(&bvh, &points, &together, &mut events, &mut out);
+            once.extend_from_slice(&out);
+            light.irradiance_once(&bvh, &points, &apart, &mut events, &mut out);
+            own.extend_from_slice(&out);
+            exact.extend(direct_irradiance(&light, &bvh, &points, Stage::Direct, &NoProgress).unwrap());
+        }
+        let (once, own, exact) = (mean(&once), mean(&own), mean(&exact));
+        println!("together {:.5} apart {:.5}", once / exact, own / exact);
+        assert!((once / exact - 1.0).abs() < 3e-3 && (own / exact - 1.0).abs() < 3e-3, "{once} {own} {exact}");
     }
 }

@@ -100,8 +100,8 @@ where
     let mut guess = Child::NONE;
     for i in coherent_order(rays) {
         let i = i as usize;
-        hits[i] = Probe::new(&rays[i])
-            .map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut guess, &mut stack));
+        hits[i] =
+            Probe::new(&rays[i]).map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut guess, &mut stack));
     }
 }
 
@@ -115,8 +115,7 @@ where
     let mut guess = Child::NONE;
     for i in coherent_order(rays) {
         let i = i as usize;
-        occluded[i] =
-            Probe::new(&rays[i]).is_some_and(|probe| any(kernels, target, &probe, &mut guess, &mut stack));
+        occluded[i] = Probe::new(&rays[i]).is_some_and(|probe| any(kernels, target, &probe, &mut guess, &mut stack));
     }
 }
 
@@ -238,13 +237,7 @@ fn descend(node: &Node, mut mask: u32, entry: &[f32; WIDTH], stack: &mut [Entry]
 }
 
 #[inline(always)]
-fn any<E, T>(
-    kernels: &Kernels<E, T>,
-    target: Target<'_>,
-    probe: &Probe,
-    guess: &mut Child,
-    stack: &mut [Entry],
-) -> bool
+fn any<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, guess: &mut Child, stack: &mut [Entry]) -> bool
 where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
