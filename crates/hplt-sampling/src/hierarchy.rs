@@ -12,8 +12,10 @@ use crate::surface::SideSampler;
 use crate::visibility::extent_of;
 use crate::{Error, Regions};
 
-/// Fresh points that measure the coverage.
-const N_FRESH: usize = 1 << 15;
+/// Fresh points that measure the coverage, at most.
+const MAX_FRESH: usize = 1 << 15;
+/// The same per candidate.
+const FRESH_PER_CANDIDATE: usize = 2;
 /// Times that the candidates grow by half before the rest of the gaps is accepted.
 const MAX_ROUNDS: usize = 8;
 /// Candidates per point from which areas are counted on a coarse level.
@@ -147,7 +149,8 @@ fn coherent_order(candidates: &[OrientedPoint], start: usize, end: usize) -> Vec
 }
 
 fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, round: u32) -> f64 {
-    let fresh = candidates.fresh(N_FRESH, round);
+    let n = (FRESH_PER_CANDIDATE * candidates.points().len()).min(MAX_FRESH);
+    let fresh = candidates.fresh(n, round);
     let Some(finest) = levels.last() else { return 0.0 };
     let missed = parallel::map(fresh.len(), || (), |(), i| !finest.covers(&fresh[i]));
     missed.iter().filter(|&&missed| missed).count() as f64 / fresh.len().max(1) as f64

@@ -12,7 +12,7 @@ use crate::union_find::UnionFind;
 use crate::visibility::Oriented;
 use crate::warp::{cosine_hemisphere, uniform_cone};
 
-const MIN_ANCHORS: usize = 16 << 10;
+const MIN_ANCHORS: usize = 4 << 10;
 const MAX_ANCHORS: usize = 64 << 10;
 /// Anchors on components that uniform sampling would miss, at most.
 const MAX_EXTRA: usize = 64 << 10;
@@ -21,7 +21,7 @@ const RAYS: [u32; 4] = [4, 12, 16, 64];
 /// and so are those of more anchors than this: the smaller, the likelier they only miss a link.
 const LARGEST_COMPONENT: [u32; 4] = [u32::MAX, u32::MAX, 4096, 64];
 /// Rays from all emissive surfaces together, and from each light without a surface.
-const EMISSION_RAYS: u32 = 16 << 10;
+const EMISSION_RAYS: u32 = 8 << 10;
 const LIGHT_RAYS: u32 = 4096;
 /// A dark component with fewer anchors than this may only be badly connected; nobody inherits from it.
 const MIN_DARK_COMPONENT: usize = 6;
@@ -81,7 +81,7 @@ impl<'a> Builder<'a> {
         let sampler = SideSampler::build(scene, |m, front| {
             m.reflects.includes(front) || m.is_emissive() && m.emits.includes(front)
         });
-        let n = (MIN_ANCHORS + scene.mesh().n_triangles() / 16).min(MAX_ANCHORS);
+        let n = (MIN_ANCHORS + scene.mesh().n_triangles() / 8).min(MAX_ANCHORS);
         let (points, n_uniform) = draw_anchors(scene, caster, &sampler, n, seed);
         // Several times the mean distance between uniform points.
         let reach = 8.0 * (sampler.area() / n as f64).sqrt() as f32;

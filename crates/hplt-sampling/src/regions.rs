@@ -20,7 +20,7 @@ const NEIGHBORS: [usize; 3] = [3, 2, 2];
 /// The least cosine between the normals of a point and of a neighbour.
 const MIN_NORMAL_COSINE: f32 = 0.2;
 /// Rays of a point that no neighbour answers for.
-const RESCUE_RAYS: u32 = 8;
+const RESCUE_RAYS: u32 = 32;
 /// Points located by one task.
 const CHUNK: usize = 256;
 

@@ -26,6 +26,9 @@ pub enum DirectEstimator {
     Hemisphere,
 }
 
+/// Shadow rays to an emitter after which a point that sees all of it, or nothing, needs no more.
+const ENOUGH_TO_TELL: u32 = 128;
+
 /// How direct light is sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DirectOptions {
@@ -248,17 +251,30 @@ impl PointSampler<'_> {
         if !emitter.can_light(position, normal) {
             return DVec3::ZERO;
         }
-        shadows.clear();
-        let n = self.light.options.light_samples;
+        let mut n = self.light.options.light_samples;
         let scramble = self.seeds.of(0, index);
-        for k in 0..n {
-            let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
-            let target = emitter.point(u, v);
-            let exitance = emitter.exitance(self.light.scene, u, v);
-            let brings = exitance * (emitter.kernel(position, normal, target) / n as f32);
-            shadows.push(self.segment_to(emitter, target), brings);
+        let mut cast = |range: std::ops::Range<u32>| {
+            shadows.clear();
+            for k in range {
+                let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
+                let target = emitter.point(u, v);
+                let exitance = emitter.exitance(self.light.scene, u, v);
+                let brings = exitance * emitter.kernel(position, normal, target);
+                shadows.push(self.segment_to(emitter, target), brings);
+            }
+            shadows.trace(caster)
+        };
+        // Most points see all of an emitter or nothing of it, and some hundred stratified rays tell.
+        let (mut visible, mut all) = cast(0..n.min(ENOUGH_TO_TELL));
+        let is_clear = visible == DVec3::ZERO || visible == all;
+        if n > ENOUGH_TO_TELL && !(is_clear && emitter.uniform_exitance.is_some()) {
+            let (more_visible, more) = cast(ENOUGH_TO_TELL..n);
+            (visible, all) = (visible + more_visible, all + more);
+        } else {
+            n = n.min(ENOUGH_TO_TELL);
         }
-        let (visible, all) = shadows.trace(caster);
+        visible /= f64::from(n);
+        all /= f64::from(n);
         match emitter.uniform_exitance {
             None => visible,
             Some(exitance) => {
