@@ -100,8 +100,8 @@ where
     let mut guess = Child::NONE;
     for i in coherent_order(rays) {
         let i = i as usize;
-        hits[i] = Probe::new(&rays[i])
-            .map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut guess, &mut stack));
+        hits[i] =
+            Probe::new(&rays[i]).map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut guess, &mut stack));
     }
 }
 
@@ -115,8 +115,7 @@ where
     let mut guess = Child::NONE;
     for i in coherent_order(rays) {
         let i = i as usize;
-        occluded[i] =
-            Probe::new(&rays[i]).is_some_and(|probe| any(kernels, target, &probe, &mut guess, &mut stack));
+        occluded[i] = Probe::new(&rays[i]).is_some_and(|probe| any(kernels, target, &probe, &mut guess, &mut stack));
     }
 }
 
@@ -183,17 +182,16 @@ where
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
     let mut is_better = false;
-    for packet in &target.tree.packets[leaf.packets()] {
-        let hits = (kernels.test)(packet, &probe.shear, best.t);
-        for lane in set_bits(hits.mask) {
-            if hits.t[lane] > best.t {
-                continue;
-            }
-            let hit = hits.hit(packet, lane);
-            if wins(&hit, best) && is_there(target.cutouts, packet.is_masked(lane), &hit) {
-                *best = hit;
-                is_better = true;
-            }
+    let packet = &target.tree.packets[leaf.packet_index()];
+    let hits = (kernels.test)(packet, &probe.shear, best.t);
+    for lane in set_bits(hits.mask) {
+        if hits.t[lane] > best.t {
+            continue;
+        }
+        let hit = hits.hit(packet, lane);
+        if wins(&hit, best) && is_there(target.cutouts, packet.is_masked(lane), &hit) {
+            *best = hit;
+            is_better = true;
         }
     }
     is_better
@@ -238,13 +236,7 @@ fn descend(node: &Node, mut mask: u32, entry: &[f32; WIDTH], stack: &mut [Entry]
 }
 
 #[inline(always)]
-fn any<E, T>(
-    kernels: &Kernels<E, T>,
-    target: Target<'_>,
-    probe: &Probe,
-    guess: &mut Child,
-    stack: &mut [Entry],
-) -> bool
+fn any<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, guess: &mut Child, stack: &mut [Entry]) -> bool
 where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
@@ -282,12 +274,11 @@ where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
-    target.tree.packets[leaf.packets()].iter().any(|packet| {
-        let hits = (kernels.test)(packet, &probe.shear, probe.t_max);
-        set_bits(hits.mask).any(|lane| {
-            let blocks = || !packet.is_masked(lane) || is_there(target.cutouts, true, &hits.hit(packet, lane));
-            hits.t[lane] < probe.t_max && blocks()
-        })
+    let packet = &target.tree.packets[leaf.packet_index()];
+    let hits = (kernels.test)(packet, &probe.shear, probe.t_max);
+    set_bits(hits.mask).any(|lane| {
+        let blocks = || !packet.is_masked(lane) || is_there(target.cutouts, true, &hits.hit(packet, lane));
+        hits.t[lane] < probe.t_max && blocks()
     })
 }
 

@@ -151,8 +151,9 @@ pub(super) fn test_packet(packet: &Packet, shear: &Shear, t_end: f32) -> PacketH
 #[target_feature(enable = "avx2")]
 pub(super) fn test_packet_avx2(packet: &Packet, shear: &Shear, t_end: f32) -> PacketHits {
     use std::arch::x86_64::{
-        __m256, _CMP_EQ_OQ, _CMP_GE_OQ, _CMP_LE_OQ, _CMP_NEQ_OQ, _mm256_add_ps, _mm256_and_ps, _mm256_cmp_ps, _mm256_div_ps,
-        _mm256_max_ps, _mm256_min_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_or_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_sub_ps,
+        __m256, _CMP_EQ_OQ, _CMP_GE_OQ, _CMP_LE_OQ, _CMP_NEQ_OQ, _mm256_add_ps, _mm256_and_ps, _mm256_cmp_ps,
+        _mm256_div_ps, _mm256_max_ps, _mm256_min_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_or_ps, _mm256_set1_ps,
+        _mm256_setzero_ps, _mm256_sub_ps,
     };
     const NONE: Lanes = [0.0; Packet::LANES];
     let zero = _mm256_setzero_ps();
@@ -178,7 +179,8 @@ pub(super) fn test_packet_avx2(packet: &Packet, shear: &Shear, t_end: f32) -> Pa
     let t_scaled = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(u, a[2]), _mm256_mul_ps(v, b[2])), _mm256_mul_ps(w, c[2]));
     // Adding zero turns -0 into 0.
     let t = _mm256_add_ps(_mm256_div_ps(t_scaled, det), zero);
-    let in_range = _mm256_and_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(t, zero), _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_end)));
+    let in_range =
+        _mm256_and_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(t, zero), _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_end)));
     let hit = _mm256_and_ps(_mm256_and_ps(inside, in_range), _mm256_cmp_ps::<_CMP_NEQ_OQ>(det, zero));
     let is_zero = |x: __m256| _mm256_cmp_ps::<_CMP_EQ_OQ>(x, zero);
     let on_edge = _mm256_or_ps(_mm256_or_ps(is_zero(u), is_zero(v)), is_zero(w));
