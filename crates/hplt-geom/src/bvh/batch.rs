@@ -12,11 +12,11 @@ const FEW: usize = 16;
 const BITS: u32 = 4;
 const N_CELLS: usize = 1 << (2 * BITS);
 
-/// Indices of `rays`, neighbours in direction next to each other.
-pub(super) fn coherent_order(rays: &[Ray]) -> Vec<u32> {
+/// Indices of `rays`, neighbours in direction next to each other; `None` for the order given.
+pub(super) fn coherent_order(rays: &[Ray]) -> Option<Vec<u32>> {
     let n = rays.len() as u32;
     if rays.len() < FEW {
-        return (0..n).collect();
+        return None;
     }
     let mut ends = [0u32; N_CELLS];
     let cells: Vec<u8> = rays.iter().map(|ray| cell(ray.direction)).collect();
@@ -33,7 +33,7 @@ pub(super) fn coherent_order(rays: &[Ray]) -> Vec<u32> {
         order[*at as usize] = i;
         *at += 1;
     }
-    order
+    Some(order)
 }
 
 /// The place of a direction on a Hilbert curve over the octahedral map (Engelhardt & Dachsbacher, "Octahedron Environment
@@ -94,8 +94,9 @@ mod tests {
     fn an_order_names_every_ray_once() {
         let axes = [Vec3::X, Vec3::NEG_Z, Vec3::NAN, Vec3::ZERO, Vec3::new(1e30, -1e30, 3e38), Vec3::INFINITY];
         let rays: Vec<Ray> = (0..100).map(|i| Ray::new(Vec3::ZERO, axes[i % axes.len()])).collect();
-        for n in [0, 1, 15, 16, 100] {
-            let mut order = coherent_order(&rays[..n]);
+        assert!(coherent_order(&rays[..FEW - 1]).is_none());
+        for n in [FEW, 100] {
+            let mut order = coherent_order(&rays[..n]).unwrap();
             order.sort_unstable();
             assert!(order.iter().copied().eq(0..n as u32));
         }

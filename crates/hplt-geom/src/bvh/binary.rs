@@ -48,41 +48,62 @@ pub(super) enum BinaryKind {
     Inner(u32),
 }
 
-/// A binary tree whose root is node 0; empty when there is no triangle.
+/// A binary tree whose root is node 0 and whose nodes come after their parents; empty when there is no triangle.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct BinaryTree {
     pub(super) nodes: Vec<BinaryNode>,
 }
 
 impl BinaryTree {
-    /// The nodes in an order in which every parent comes before its children.
-    pub(super) fn parents_first(&self) -> Vec<u32> {
-        let mut order: Vec<u32> = Vec::with_capacity(self.nodes.len());
-        if !self.nodes.is_empty() {
-            order.push(0);
+    /// The tree below node 0 of `n` nodes in any order, which `node` gives.
+    pub(super) fn from_unordered(n: usize, node: impl Fn(u32) -> BinaryNode) -> Self {
+        let mut tree = Self { nodes: Vec::with_capacity(n) };
+        if n > 0 {
+            tree.nodes.push(node(0));
         }
-        let mut next = 0;
-        while let Some(&node) = order.get(next) {
-            if let BinaryKind::Inner(first) = self.nodes[node as usize].kind {
-                order.extend([first, first + 1]);
+        // Depth first, so that subtrees are close together.
+        let mut pending = if n > 0 { vec![0] } else { Vec::new() };
+        while let Some(parent) = pending.pop() {
+            let first = tree.nodes.len();
+            if let BinaryKind::Inner(children) = &mut tree.nodes[parent].kind {
+                let from = std::mem::replace(children, first as u32);
+                tree.nodes.extend([node(from), node(from + 1)]);
+                pending.extend([first + 1, first]);
             }
-            next += 1;
         }
-        order
+        tree
+    }
+
+    /// Puts `trees[i]` in the place of leaf `i`.
+    pub(super) fn grafted(mut self, trees: &[Self]) -> Self {
+        self.nodes.reserve(trees.iter().map(|tree| tree.nodes.len()).sum());
+        for place in 0..self.nodes.len() {
+            let BinaryKind::Leaf(leaf) = self.nodes[place].kind else { continue };
+            // The root takes the place of the leaf; whatever comes after it moves.
+            let nodes = &trees[leaf as usize].nodes;
+            let offset = self.nodes.len() as u32 - 1;
+            let moved = |node: &BinaryNode| match node.kind {
+                BinaryKind::Inner(first) => BinaryNode { kind: BinaryKind::Inner(first + offset), ..*node },
+                BinaryKind::Leaf(_) => *node,
+            };
+            self.nodes[place] = moved(&nodes[0]);
+            self.nodes.extend(nodes[1..].iter().map(moved));
+        }
+        self
     }
 
     /// Levels from the root to the deepest leaf, 1 for a lone leaf.
     pub(super) fn depth(&self) -> usize {
-        let mut depth = vec![1usize; self.nodes.len()];
+        let mut depth = vec![1u32; self.nodes.len()];
         let mut deepest = 0;
-        for node in self.parents_first() {
-            let here = depth[node as usize];
+        for (node, i) in self.nodes.iter().zip(0..) {
+            let here: u32 = depth[i];
             deepest = deepest.max(here);
-            if let BinaryKind::Inner(first) = self.nodes[node as usize].kind {
+            if let BinaryKind::Inner(first) = node.kind {
                 depth[first as usize] = here + 1;
                 depth[first as usize + 1] = here + 1;
             }
         }
-        deepest
+        deepest as usize
     }
 }

@@ -11,10 +11,15 @@ use obvhs::triangle::Triangle;
 use super::BvhOptions;
 use super::binary::{BinaryKind, BinaryNode, BinaryTree, Bounds, Primitive};
 use super::top_down;
-use crate::{Mesh, TriangleId};
+use crate::{Mesh, TriangleId, parallel};
 
 /// Below this, the top-down builder is as fast, and PLOC has nothing to look for.
 const FEW: usize = 4;
+/// PLOC and reinsertion work on groups of at most so many boxes, which top-down splits make. Groups are built in parallel, and
+/// what they need stays in the cache.
+const GROUP: usize = 1 << 16;
+/// Levels below which top-down splits are at the median.
+const MEDIAN_DEPTH: usize = 60;
 /// A grid cell with more triangles than this that stick out of it is crowded.
 const CROWDED: usize = 256;
 /// Parts of large triangles that are always affordable.
@@ -23,16 +28,33 @@ const FREE_PARTS: usize = 1000;
 const GRID_BITS: u32 = 10;
 
 /// The boxes of all triangles that are visible; `split` cuts large ones that fill their box badly into several.
-pub(super) fn primitives(mesh: &Mesh, split: bool, is_visible: impl Fn(TriangleId) -> bool) -> Vec<Primitive> {
-    let visible = (0..mesh.n_triangles() as u32).filter(|&t| is_visible(TriangleId(t)));
-    let whole = visible.map(|t| Primitive { bounds: bounds(mesh.corners(TriangleId(t))), triangle: t });
-    let mut primitives: Vec<Primitive> = whole.collect();
+pub(super) fn primitives(mesh: &Mesh, split: bool, is_visible: impl Fn(TriangleId) -> bool + Sync) -> Vec<Primitive> {
+    const CHUNK: usize = 1 << 14;
+    let n = mesh.n_triangles();
+    let chunks = parallel::map(
+        n.div_ceil(CHUNK),
+        || (),
+        |(), i| {
+            let ids = (i * CHUNK..n.min((i + 1) * CHUNK)).map(|t| TriangleId(t as u32));
+            let whole = |t: TriangleId| Primitive { bounds: bounds(mesh.corners(t)), triangle: t.0 };
+            ids.filter(|&t| is_visible(t)).map(whole).collect::<Vec<_>>()
+        },
+    );
+    let mut primitives = chunks.concat();
     if split {
         split_large(mesh, &mut primitives);
     }
-    let pad = |p: &mut Primitive| p.bounds = padded(p.bounds, mesh.corners(TriangleId(p.triangle)));
-    primitives.iter_mut().for_each(pad);
-    primitives
+    let chunks = parallel::map(
+        primitives.len().div_ceil(CHUNK),
+        || (),
+        |(), i| {
+            let chunk = &primitives[i * CHUNK..primitives.len().min((i + 1) * CHUNK)];
+            let pad =
+                |p: &Primitive| Primitive { bounds: padded(p.bounds, mesh.corners(TriangleId(p.triangle))), ..*p };
+            chunk.iter().map(pad).collect::<Vec<_>>()
+        },
+    );
+    chunks.concat()
 }
 
 fn bounds([a, b, c]: [Vec3; 3]) -> Bounds {
@@ -45,27 +67,32 @@ fn split_large(mesh: &Mesh, primitives: &mut Vec<Primitive>) {
     let areas = || primitives.iter().map(|p| p.bounds.half_area());
     let average = (areas().map(f64::from).sum::<f64>() / primitives.len().max(1) as f64) as f32;
     let largest = areas().fold(0.0, f32::max);
-    let n_large = areas().filter(|&area| area > 3.0 * average).count();
+    let large: Vec<usize> =
+        (0..primitives.len()).filter(|&i| primitives[i].bounds.half_area() > 3.0 * average).collect();
     let budget = (primitives.len() / 2).max(FREE_PARTS);
     // Each round doubles the parts at most.
-    let rounds = (1 + budget / n_large.max(1)).ilog2().min(12);
-    if n_large == 0 || rounds == 0 {
+    let rounds = (1 + budget / large.len().max(1)).ilog2().min(12);
+    if large.is_empty() || rounds == 0 {
         return;
     }
-    let triangles: Vec<Triangle> = primitives
-        .iter()
-        .map(|p| mesh.corners(TriangleId(p.triangle)).map(Vec3A::from))
-        .map(|[v0, v1, v2]| Triangle { v0, v1, v2 })
-        .collect();
-    let mut boxes: Vec<Aabb> = primitives.iter().map(|p| to_aabb(p.bounds)).collect();
+    let triangle = |&i: &usize| {
+        let [v0, v1, v2] = mesh.corners(TriangleId(primitives[i].triangle)).map(Vec3A::from);
+        Triangle { v0, v1, v2 }
+    };
+    let triangles: Vec<Triangle> = large.iter().map(triangle).collect();
+    let mut boxes: Vec<Aabb> = large.iter().map(|&i| to_aabb(primitives[i].bounds)).collect();
     let mut indices: Vec<u32> = (0..boxes.len() as u32).collect();
     let upper = (4.0 * average).max(0.9 * average + 0.1 * largest);
     split_aabbs_precise(&mut boxes, &mut indices, &triangles, 3.0 * average, upper, 1.8, 1.6, rounds, 12);
-    let parts = boxes.iter().zip(&indices).map(|(b, &index)| Primitive {
-        bounds: Bounds { min: b.min.into(), max: b.max.into() },
-        triangle: primitives[index as usize].triangle,
-    });
-    *primitives = parts.collect();
+    for (part, (b, &index)) in boxes.iter().zip(&indices).enumerate() {
+        let bounds = Bounds { min: b.min.into(), max: b.max.into() };
+        let whole = large[index as usize];
+        if part < large.len() {
+            primitives[whole].bounds = bounds;
+        } else {
+            primitives.push(Primitive { bounds, ..primitives[whole] });
+        }
+    }
 }
 
 /// The box of a triangle, or of a part of it, grown so that it contains every place where the triangle test can report a
@@ -94,15 +121,27 @@ fn to_aabb(Bounds { min, max }: Bounds) -> Aabb {
 /// A binary tree over `primitives` with at most `64 + 2·log2(n)` levels, and whether it was built top-down.
 pub(super) fn binary_tree(primitives: &[Primitive], options: BvhOptions) -> (BinaryTree, bool) {
     let limit = depth_limit(primitives.len());
-    if primitives.len() > FEW && !is_crowded(primitives) {
-        let tree = ploc(primitives, options);
-        if tree.depth() <= limit {
-            return (tree, false);
-        }
+    let groups = top_down::groups(primitives, GROUP, MEDIAN_DEPTH);
+    let trees =
+        parallel::map(groups.ranges.len(), || (), |(), i| group_tree(&groups.items[groups.ranges[i].clone()], options));
+    let is_top_down = trees.iter().any(|(_, is_top_down)| *is_top_down);
+    let trees: Vec<BinaryTree> = trees.into_iter().map(|(tree, _)| tree).collect();
+    let tree = groups.tree.grafted(&trees);
+    if tree.depth() <= limit {
+        return (tree, is_top_down);
     }
-    let tree = top_down::build(primitives, 60);
+    let tree = top_down::build(primitives, MEDIAN_DEPTH);
     assert!(tree.depth() <= limit, "median splits bound the depth");
     (tree, true)
+}
+
+/// The tree of one group, and whether it was built top-down.
+fn group_tree(primitives: &[Primitive], options: BvhOptions) -> (BinaryTree, bool) {
+    if primitives.len() > FEW && !is_crowded(primitives) {
+        (ploc(primitives, options), false)
+    } else {
+        (top_down::build(primitives, MEDIAN_DEPTH), true)
+    }
 }
 
 /// The deepest binary tree that is accepted.
@@ -131,7 +170,8 @@ fn ploc(primitives: &[Primitive], options: BvhOptions) -> BinaryTree {
 }
 
 fn from_obvhs(tree: &Bvh2, primitives: &[Primitive]) -> BinaryTree {
-    let nodes = tree.nodes.iter().map(|node| {
+    BinaryTree::from_unordered(tree.nodes.len(), |i| {
+        let node = &tree.nodes[i as usize];
         let kind = if node.is_leaf() {
             let index = tree.primitive_indices[node.first_index as usize];
             BinaryKind::Leaf(primitives[index as usize].triangle)
@@ -140,8 +180,7 @@ fn from_obvhs(tree: &Bvh2, primitives: &[Primitive]) -> BinaryTree {
         };
         let Aabb { min, max } = *node.aabb();
         BinaryNode { bounds: Bounds { min: min.into(), max: max.into() }, kind }
-    });
-    BinaryTree { nodes: nodes.collect() }
+    })
 }
 
 /// Whether many triangles share a place while being larger than it. PLOC merges only mutual nearest neighbours, of which

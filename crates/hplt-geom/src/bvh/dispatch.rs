@@ -45,7 +45,9 @@ where
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
     match query {
-        Query::Nearest(rays, hits) => traverse::trace_nearest(kernels, target, rays, hits),
-        Query::Occluded(rays, occluded) => traverse::trace_occluded(kernels, target, rays, occluded),
+        Query::Nearest(rays, hits) => traverse::trace::<false, E, T>(kernels, target, rays, |i, hit| hits[i] = hit),
+        Query::Occluded(rays, occluded) => {
+            traverse::trace::<true, E, T>(kernels, target, rays, |i, hit| occluded[i] = !hit.is_miss());
+        }
     }
 }

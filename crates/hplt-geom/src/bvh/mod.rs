@@ -1,7 +1,7 @@
 //! The bounding volume hierarchy behind [`RayCaster`].
 //!
 //! A binary tree (PLOC and reinsertion, from obvhs; or a top-down sweep of our own where PLOC would degenerate) is
-//! collapsed into nodes of eight children and leaves of four triangles by dynamic programming over the surface area
+//! collapsed into nodes of eight children and leaves of up to eight triangles by dynamic programming over the surface area
 //! heuristic (Ylitie, Karras & Laine, HPG 2017, section 3). Traversal and intersection are ours, because they must be
 //! watertight: see `triangle.rs` and `traverse.rs`.
 
@@ -69,7 +69,7 @@ pub struct BvhReport {
     pub binary_depth: usize,
     /// Eight-wide nodes.
     pub n_nodes: usize,
-    /// Packets of four triangles.
+    /// Packets of eight triangles, one per leaf.
     pub n_packets: usize,
     /// Triangles that can block a ray.
     pub n_triangles: usize,

@@ -1,17 +1,41 @@
 //! A top-down builder: binned surface area heuristic, with a median split where binning does not help. Its depth is
 //! bounded and its time is O(n log n) for any input, which PLOC cannot promise.
 
+use std::ops::Range;
+
 use super::binary::{BinaryKind, BinaryNode, BinaryTree, Bounds, Primitive};
 
 const N_BINS: usize = 16;
 
+/// A tree whose leaves are groups of primitives.
+pub(super) struct Groups {
+    /// Leaves hold the index of a group.
+    pub(super) tree: BinaryTree,
+    /// The primitives, group by group.
+    pub(super) items: Vec<Primitive>,
+    /// Where each group is.
+    pub(super) ranges: Vec<Range<usize>>,
+}
+
 /// Builds over `primitives`. Below `median_depth` levels every split is at the median, so that the depth is at most
 /// `median_depth + log2(n) + 1`.
 pub(super) fn build(primitives: &[Primitive], median_depth: usize) -> BinaryTree {
+    let Groups { mut tree, items, ranges } = groups(primitives, 1, median_depth);
+    for node in &mut tree.nodes {
+        if let BinaryKind::Leaf(group) = &mut node.kind {
+            *group = items[ranges[*group as usize].start].triangle;
+        }
+    }
+    tree
+}
+
+/// The upper part of such a tree: splits until no group has more than `largest` primitives.
+pub(super) fn groups(primitives: &[Primitive], largest: usize, median_depth: usize) -> Groups {
     let mut items = primitives.to_vec();
-    let mut tree = BinaryTree { nodes: Vec::with_capacity(2 * items.len()) };
+    let mut tree = BinaryTree { nodes: Vec::with_capacity(2 * items.len() / largest + 1) };
+    let mut ranges = Vec::new();
     if items.is_empty() {
-        return tree;
+        return Groups { tree, items, ranges };
     }
     let placeholder = BinaryNode { bounds: Bounds::EMPTY, kind: BinaryKind::Leaf(0) };
     tree.nodes.push(placeholder);
@@ -19,8 +43,9 @@ pub(super) fn build(primitives: &[Primitive], median_depth: usize) -> BinaryTree
     while let Some((node, range, depth)) = pending.pop() {
         let part = &mut items[range.clone()];
         let bounds = part.iter().fold(Bounds::EMPTY, |b, p| b.union(p.bounds));
-        if part.len() == 1 {
-            tree.nodes[node] = BinaryNode { bounds, kind: BinaryKind::Leaf(part[0].triangle) };
+        if part.len() <= largest {
+            tree.nodes[node] = BinaryNode { bounds, kind: BinaryKind::Leaf(ranges.len() as u32) };
+            ranges.push(range);
             continue;
         }
         let middle = range.start + split(part, depth < median_depth);
@@ -30,7 +55,7 @@ pub(super) fn build(primitives: &[Primitive], median_depth: usize) -> BinaryTree
         pending.push((first, range.start..middle, depth + 1));
         pending.push((first + 1, middle..range.end, depth + 1));
     }
-    tree
+    Groups { tree, items, ranges }
 }
 
 /// Reorders `items` and returns how many go to the left: at least one, and not all.
@@ -64,6 +89,13 @@ struct Plane {
 }
 
 impl Plane {
+    /// `None` when the centres do not differ along `axis`.
+    fn new(axis: usize, centers: Bounds) -> Option<Self> {
+        let extent = centers.max[axis] - centers.min[axis];
+        let scale = N_BINS as f32 / extent;
+        (extent > 0.0 && scale.is_finite()).then_some(Self { axis, origin: centers.min[axis], scale, last_left: 0 })
+    }
+
     fn bin_of(&self, p: &Primitive) -> usize {
         let x = (p.bounds.doubled_center()[self.axis] - self.origin) * self.scale;
         (x as usize).min(N_BINS - 1)
@@ -72,24 +104,20 @@ impl Plane {
 
 /// The cheapest of the binned planes on the three axes; `None` when all centres fall together.
 fn best_plane(items: &[Primitive], centers: Bounds) -> Option<Plane> {
-    let mut best: Option<(f32, Plane)> = None;
-    for axis in 0..3 {
-        let extent = centers.max[axis] - centers.min[axis];
-        let scale = N_BINS as f32 / extent;
-        if !(extent > 0.0 && scale.is_finite()) {
-            continue;
-        }
-        let mut plane = Plane { axis, origin: centers.min[axis], scale, last_left: 0 };
-        let mut bins = [(0usize, Bounds::EMPTY); N_BINS];
-        for p in items {
+    let planes: Vec<Plane> = (0..3).filter_map(|axis| Plane::new(axis, centers)).collect();
+    let mut bins = [[(0usize, Bounds::EMPTY); N_BINS]; 3];
+    for p in items {
+        for (plane, bins) in planes.iter().zip(&mut bins) {
             let bin = &mut bins[plane.bin_of(p)];
             *bin = (bin.0 + 1, bin.1.union(p.bounds));
         }
-        if let Some((cost, last_left)) = cheapest_cut(&bins)
+    }
+    let mut best: Option<(f32, Plane)> = None;
+    for (plane, bins) in planes.into_iter().zip(&bins) {
+        if let Some((cost, last_left)) = cheapest_cut(bins)
             && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest)
         {
-            plane.last_left = last_left;
-            best = Some((cost, plane));
+            best = Some((cost, Plane { last_left, ..plane }));
         }
     }
     best.map(|(_, plane)| plane)

@@ -90,37 +90,36 @@ pub(super) struct Kernels<E, T> {
     pub(super) test: T,
 }
 
+/// Traces a batch and gives the index of every ray and what it met: the nearest hit, or with `ANY` the first one found.
 #[inline(always)]
-pub(super) fn trace_nearest<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, rays: &[Ray], hits: &mut [Hit])
-where
+pub(super) fn trace<const ANY: bool, E, T>(
+    kernels: &Kernels<E, T>,
+    target: Target<'_>,
+    rays: &[Ray],
+    mut give: impl FnMut(usize, Hit),
+) where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
     let mut stack = vec![NO_ENTRY; target.tree.stack_size()];
     let mut guess = Child::NONE;
-    for i in coherent_order(rays) {
-        let i = i as usize;
-        hits[i] =
-            Probe::new(&rays[i]).map_or(Hit::MISS, |probe| nearest(kernels, target, &probe, &mut guess, &mut stack));
+    let order = coherent_order(rays);
+    for i in 0..rays.len() {
+        let i = order.as_ref().map_or(i, |order| order[i] as usize);
+        let found = match Probe::new(&rays[i]) {
+            Some(probe) if !target.tree.nodes.is_empty() => {
+                walk::<ANY, E, T>(kernels, target, &probe, &mut guess, &mut stack)
+            }
+            _ => Hit::MISS,
+        };
+        give(i, found);
     }
 }
 
+/// What a ray meets. It begins with the leaf that is guessed, so that most of the tree is out of range from the start; the
+/// guess becomes the leaf of the hit.
 #[inline(always)]
-pub(super) fn trace_occluded<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, rays: &[Ray], occluded: &mut [bool])
-where
-    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
-    T: Fn(&Packet, &Shear, f32) -> PacketHits,
-{
-    let mut stack = vec![NO_ENTRY; target.tree.stack_size()];
-    let mut guess = Child::NONE;
-    for i in coherent_order(rays) {
-        let i = i as usize;
-        occluded[i] = Probe::new(&rays[i]).is_some_and(|probe| any(kernels, target, &probe, &mut guess, &mut stack));
-    }
-}
-
-#[inline(always)]
-fn nearest<E, T>(
+fn walk<const ANY: bool, E, T>(
     kernels: &Kernels<E, T>,
     target: Target<'_>,
     probe: &Probe,
@@ -131,21 +130,21 @@ where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
-    let tree = target.tree;
     let mut best = Hit { t: probe.t_max, ..Hit::MISS };
-    if tree.nodes.is_empty() {
-        return Hit::MISS;
-    }
-    let (mut child, mut n) = begin(*guess, stack);
+    stack[0] = Entry { t: 0.0, child: Child::ROOT };
+    let (mut child, mut n) = if *guess == Child::NONE { (Child::ROOT, 0) } else { (*guess, 1) };
     let (seed, mut tested) = (*guess, Child::NONE);
     loop {
         if child.is_leaf() {
-            if child != tested && test_leaf(kernels, target, probe, child, &mut best) {
+            if child != tested && test_leaf::<ANY, E, T>(kernels, target, probe, child, &mut best) {
                 *guess = child;
+                if ANY {
+                    return best;
+                }
             }
             tested = seed;
         } else {
-            let node = &tree.nodes[child.node_index()];
+            let node = &target.tree.nodes[child.node_index()];
             let (mask, entry) = (kernels.enter)(node, probe, best.t * WIDEN);
             if mask != 0 {
                 child = descend(node, mask, &entry, stack, &mut n);
@@ -155,11 +154,10 @@ where
         let limit = best.t * WIDEN;
         loop {
             if n == 0 {
-                let found = Hit { t: probe.ray_distance(best.t), ..best };
-                return if best.is_miss() { Hit::MISS } else { found };
+                return if best.is_miss() { Hit::MISS } else { Hit { t: probe.ray_distance(best.t), ..best } };
             }
             n -= 1;
-            if stack[n].t <= limit {
+            if ANY || stack[n].t <= limit {
                 child = stack[n].child;
                 break;
             }
@@ -167,31 +165,36 @@ where
     }
 }
 
-/// What to visit first, and how many entries are on the stack then.
+/// Whether a leaf has a hit that is better than `best`, which becomes it; with `ANY`, whichever is found first.
 #[inline(always)]
-fn begin(guess: Child, stack: &mut [Entry]) -> (Child, usize) {
-    stack[0] = Entry { t: 0.0, child: Child::ROOT };
-    if guess == Child::NONE { (Child::ROOT, 0) } else { (guess, 1) }
-}
-
-/// Whether a leaf has a hit that is better than `best`, which becomes it.
-#[inline(always)]
-fn test_leaf<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, leaf: Child, best: &mut Hit) -> bool
+fn test_leaf<const ANY: bool, E, T>(
+    kernels: &Kernels<E, T>,
+    target: Target<'_>,
+    probe: &Probe,
+    leaf: Child,
+    best: &mut Hit,
+) -> bool
 where
     E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
     T: Fn(&Packet, &Shear, f32) -> PacketHits,
 {
+    let packet = &target.tree.packets[leaf.packet_index()];
+    let hits = (kernels.test)(packet, &probe.shear, best.t);
     let mut is_better = false;
-    for packet in &target.tree.packets[leaf.packets()] {
-        let hits = (kernels.test)(packet, &probe.shear, best.t);
-        for lane in set_bits(hits.mask) {
-            if hits.t[lane] > best.t {
-                continue;
-            }
-            let hit = hits.hit(packet, lane);
-            if wins(&hit, best) && is_there(target.cutouts, packet.is_masked(lane), &hit) {
-                *best = hit;
-                is_better = true;
+    for lane in set_bits(hits.mask) {
+        if ANY && hits.t[lane] < best.t && !packet.is_masked(lane) {
+            best.triangle = packet.id(lane);
+            return true;
+        }
+        if hits.t[lane] > best.t {
+            continue;
+        }
+        let hit = hits.hit(packet, lane);
+        if wins(&hit, best) && is_there(target.cutouts, packet.is_masked(lane), &hit) {
+            *best = hit;
+            is_better = true;
+            if ANY {
+                break;
             }
         }
     }
@@ -234,54 +237,6 @@ fn descend(node: &Node, mut mask: u32, entry: &[f32; WIDTH], stack: &mut [Entry]
             return nearest.child;
         }
     }
-}
-
-#[inline(always)]
-fn any<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, guess: &mut Child, stack: &mut [Entry]) -> bool
-where
-    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
-    T: Fn(&Packet, &Shear, f32) -> PacketHits,
-{
-    let tree = target.tree;
-    if tree.nodes.is_empty() {
-        return false;
-    }
-    let (mut child, mut n) = begin(*guess, stack);
-    loop {
-        if child.is_leaf() {
-            if leaf_blocks(kernels, target, probe, child) {
-                *guess = child;
-                return true;
-            }
-        } else {
-            let node = &tree.nodes[child.node_index()];
-            let (mask, entry) = (kernels.enter)(node, probe, probe.t_max * WIDEN);
-            if mask != 0 {
-                child = descend(node, mask, &entry, stack, &mut n);
-                continue;
-            }
-        }
-        if n == 0 {
-            return false;
-        }
-        n -= 1;
-        child = stack[n].child;
-    }
-}
-
-#[inline(always)]
-fn leaf_blocks<E, T>(kernels: &Kernels<E, T>, target: Target<'_>, probe: &Probe, leaf: Child) -> bool
-where
-    E: Fn(&Node, &Probe, f32) -> (u32, [f32; WIDTH]),
-    T: Fn(&Packet, &Shear, f32) -> PacketHits,
-{
-    target.tree.packets[leaf.packets()].iter().any(|packet| {
-        let hits = (kernels.test)(packet, &probe.shear, probe.t_max);
-        set_bits(hits.mask).any(|lane| {
-            let blocks = || !packet.is_masked(lane) || is_there(target.cutouts, true, &hits.hit(packet, lane));
-            hits.t[lane] < probe.t_max && blocks()
-        })
-    })
 }
 
 /// The positions of the bits that are set, ascending.

@@ -1,11 +1,15 @@
+use std::collections::VecDeque;
+
 use super::binary::{BinaryKind, BinaryTree, Bounds};
 use super::triangle::Packet;
-use crate::{Mesh, TriangleId};
+use crate::{Mesh, TriangleId, parallel};
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
-/// Triangles that one leaf may hold.
-const MAX_LEAF: u32 = 8;
+/// Boxes that one leaf may hold: one packet of triangles.
+const MAX_LEAF: usize = Packet::LANES;
+/// Parts that the tree is made of in parallel, at least, unless it is small.
+const PARTS: usize = 64;
 /// Cost of testing the eight boxes of a node.
 const NODE_COST: f32 = 1.0;
 /// Cost of testing a packet of triangles.
@@ -20,26 +24,23 @@ pub(super) struct Node {
     pub(super) children: [Child; WIDTH],
 }
 
-/// A node index, or a range of packets.
+/// The index of a node or of a packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Child(u32);
 
 impl Child {
     const LEAF: u32 = 1 << 31;
-    const COUNT_SHIFT: u32 = 28;
-    /// Packets or nodes beyond this cannot be addressed; it follows that scenes of 200 million triangles can.
-    const MAX_INDEX: u32 = (1 << Self::COUNT_SHIFT) - 1;
     pub(super) const NONE: Self = Self(u32::MAX);
     pub(super) const ROOT: Self = Self(0);
 
     fn node(index: usize) -> Self {
-        assert!(index <= Self::MAX_INDEX as usize, "too many nodes");
+        assert!(index < Self::LEAF as usize, "too many nodes");
         Self(index as u32)
     }
 
-    fn leaf(first_packet: usize, n_packets: usize) -> Self {
-        assert!((1..=8).contains(&n_packets) && first_packet <= Self::MAX_INDEX as usize, "too many packets");
-        Self(Self::LEAF | ((n_packets as u32 - 1) << Self::COUNT_SHIFT) | first_packet as u32)
+    fn leaf(packet: usize) -> Self {
+        assert!(packet < Self::LEAF as usize - 1, "too many packets");
+        Self(Self::LEAF | packet as u32)
     }
 
     #[inline(always)]
@@ -53,9 +54,8 @@ impl Child {
     }
 
     #[inline(always)]
-    pub(super) fn packets(self) -> std::ops::Range<usize> {
-        let first = (self.0 & Self::MAX_INDEX) as usize;
-        first..first + ((self.0 >> Self::COUNT_SHIFT) & 7) as usize + 1
+    pub(super) fn packet_index(self) -> usize {
+        (self.0 & !Self::LEAF) as usize
     }
 }
 
@@ -76,6 +76,24 @@ impl WideTree {
         size_of_val(&self.nodes[..]) + size_of_val(&self.packets[..])
     }
 
+    /// Puts `part` in the place of node `place`.
+    fn graft(&mut self, place: usize, part: &Self) {
+        // The root takes that place; whatever comes after it moves.
+        let (node_offset, packet_offset) = (self.nodes.len() - 1, self.packets.len());
+        let moved = |node: &Node| {
+            let children = node.children.map(|child| match child {
+                Child::NONE => child,
+                leaf if leaf.is_leaf() => Child::leaf(leaf.packet_index() + packet_offset),
+                inner => Child::node(inner.node_index() + node_offset),
+            });
+            Node { children, ..*node }
+        };
+        self.nodes[place] = moved(&part.nodes[0]);
+        self.nodes.extend(part.nodes[1..].iter().map(moved));
+        self.packets.extend_from_slice(&part.packets);
+        self.depth = self.depth.max(part.depth);
+    }
+
     /// Entries that a traversal may have to keep.
     pub(super) fn stack_size(&self) -> usize {
         (WIDTH - 1) * self.depth + 1
@@ -83,58 +101,109 @@ impl WideTree {
 }
 
 /// The wide tree of least expected cost that keeps the grouping of `binary`, and that cost relative to the root's area.
-pub(super) fn collapse(binary: &BinaryTree, mesh: &Mesh, is_masked: impl Fn(TriangleId) -> bool) -> (WideTree, f32) {
+pub(super) fn collapse(
+    binary: &BinaryTree,
+    mesh: &Mesh,
+    is_masked: impl Fn(TriangleId) -> bool + Sync,
+) -> (WideTree, f32) {
     if binary.nodes.is_empty() {
         return (WideTree::default(), 0.0);
     }
-    let plan = Plan::new(binary);
+    let emitter = Emitter { plan: Plan::new(binary), mesh, is_masked };
     let mut tree = WideTree::default();
     tree.nodes.push(EMPTY_NODE);
-    let mut pending = vec![(0u32, 0usize, 1usize)];
-    let mut members = Vec::with_capacity(MAX_LEAF as usize);
-    while let Some((root, index, depth)) = pending.pop() {
+    let mut pending = VecDeque::from([Pending { binary: 0, node: 0, depth: 1 }]);
+    while pending.len() < PARTS
+        && let Some(next) = pending.pop_front()
+    {
+        emitter.emit(next, &mut tree, |child| pending.push_back(child));
+    }
+    let parts = parallel::map(pending.len(), || (), |(), i| emitter.subtree(pending[i]));
+    tree.nodes.reserve(parts.iter().map(|part| part.nodes.len()).sum());
+    tree.packets.reserve(parts.iter().map(|part| part.packets.len()).sum());
+    for (pending, part) in pending.iter().zip(&parts) {
+        tree.graft(pending.node, part);
+    }
+    let (cost, root_area) = (emitter.plan.cost[0][0], binary.nodes[0].bounds.half_area());
+    (tree, if root_area > 0.0 { cost / root_area } else { 1.0 })
+}
+
+/// A wide node that is still to be filled.
+#[derive(Clone, Copy)]
+struct Pending {
+    binary: u32,
+    node: usize,
+    depth: usize,
+}
+
+struct Emitter<'a, F> {
+    plan: Plan<'a>,
+    mesh: &'a Mesh,
+    is_masked: F,
+}
+
+impl<F: Fn(TriangleId) -> bool> Emitter<'_, F> {
+    /// The part of the tree below a node, with that node first.
+    fn subtree(&self, root: Pending) -> WideTree {
+        let mut tree = WideTree::default();
+        tree.nodes.push(EMPTY_NODE);
+        let mut pending = vec![Pending { node: 0, ..root }];
+        while let Some(next) = pending.pop() {
+            self.emit(next, &mut tree, |child| pending.push(child));
+        }
+        tree
+    }
+
+    /// Fills a node, makes its leaves, and announces its inner children.
+    fn emit(&self, Pending { binary, node, depth }: Pending, tree: &mut WideTree, mut announce: impl FnMut(Pending)) {
         tree.depth = tree.depth.max(depth);
-        for (lane, child) in plan.children(root).into_iter().flatten().enumerate() {
-            let node = if plan.is_leaf[child as usize] {
-                members.clear();
-                binary_members(binary, child, &mut members);
-                push_leaf(&mut tree, mesh, &members, &is_masked)
+        for (lane, child) in self.plan.children(binary).into_iter().flatten().enumerate() {
+            let entry = if self.plan.is_leaf[child as usize] {
+                self.push_leaf(tree, child)
             } else {
                 tree.nodes.push(EMPTY_NODE);
-                pending.push((child, tree.nodes.len() - 1, depth + 1));
-                Child::node(tree.nodes.len() - 1)
+                let node = tree.nodes.len() - 1;
+                announce(Pending { binary: child, node, depth: depth + 1 });
+                Child::node(node)
             };
-            tree.nodes[index].set(lane, binary.nodes[child as usize].bounds, node);
+            tree.nodes[node].set(lane, self.plan.binary.nodes[child as usize].bounds, entry);
         }
     }
-    let root_area = binary.nodes[0].bounds.half_area();
-    (tree, if root_area > 0.0 { plan.cost[0][0] / root_area } else { 1.0 })
-}
 
-fn push_leaf(tree: &mut WideTree, mesh: &Mesh, members: &[u32], is_masked: impl Fn(TriangleId) -> bool) -> Child {
-    let first = tree.packets.len();
-    for group in members.chunks(Packet::LANES) {
+    fn push_leaf(&self, tree: &mut WideTree, root: u32) -> Child {
+        let (members, n) = members(self.plan.binary, root);
         let mut packet = Packet::EMPTY;
-        for (lane, &id) in group.iter().enumerate() {
+        for (lane, &id) in members[..n].iter().enumerate() {
             let id = TriangleId(id);
-            packet.set(lane, id, mesh.corners(id), is_masked(id));
+            packet.set(lane, id, self.mesh.corners(id), (self.is_masked)(id));
         }
         tree.packets.push(packet);
+        Child::leaf(tree.packets.len() - 1)
     }
-    Child::leaf(first, tree.packets.len() - first)
 }
 
-/// The distinct triangles below a binary node, in ascending order.
-fn binary_members(binary: &BinaryTree, node: u32, members: &mut Vec<u32>) {
-    let mut pending = vec![node];
-    while let Some(node) = pending.pop() {
-        match binary.nodes[node as usize].kind {
-            BinaryKind::Leaf(triangle) => members.push(triangle),
-            BinaryKind::Inner(first) => pending.extend([first, first + 1]),
+/// The distinct triangles below a binary node, in ascending order, and how many there are.
+fn members(binary: &BinaryTree, root: u32) -> ([u32; MAX_LEAF], usize) {
+    let (mut members, mut n) = ([0; MAX_LEAF], 0);
+    let (mut pending, mut n_pending) = ([root; MAX_LEAF], 1);
+    while n_pending > 0 {
+        n_pending -= 1;
+        match binary.nodes[pending[n_pending] as usize].kind {
+            BinaryKind::Leaf(triangle) => {
+                let at = members[..n].partition_point(|&other| other < triangle);
+                if at == n || members[at] != triangle {
+                    members[at..=n].rotate_right(1);
+                    members[at] = triangle;
+                    n += 1;
+                }
+            }
+            BinaryKind::Inner(first) => {
+                pending[n_pending..n_pending + 2].copy_from_slice(&[first, first + 1]);
+                n_pending += 2;
+            }
         }
     }
-    members.sort_unstable();
-    members.dedup();
+    (members, n)
 }
 
 const EMPTY_NODE: Node = Node {
@@ -172,20 +241,19 @@ impl<'a> Plan<'a> {
         let n = binary.nodes.len();
         let mut plan = Self { binary, cost: vec![[0.0; WIDTH]; n], is_leaf: vec![false; n] };
         let mut count = vec![0u32; n];
-        for &node in binary.parents_first().iter().rev() {
-            let index = node as usize;
+        for index in (0..n).rev() {
             let area = binary.nodes[index].bounds.half_area();
-            let leaf_cost = |n: u32| area * PACKET_COST * n.div_ceil(Packet::LANES as u32) as f32;
+            let leaf_cost = area * PACKET_COST;
             match binary.nodes[index].kind {
                 BinaryKind::Leaf(_) => {
                     count[index] = 1;
-                    plan.cost[index] = [leaf_cost(1); WIDTH];
+                    plan.cost[index] = [leaf_cost; WIDTH];
                     plan.is_leaf[index] = true;
                 }
                 BinaryKind::Inner(first) => {
                     count[index] = count[first as usize] + count[first as usize + 1];
                     let n = count[index];
-                    plan.set_inner(index, first, area, if n <= MAX_LEAF { leaf_cost(n) } else { f32::INFINITY });
+                    plan.set_inner(index, first, area, if n as usize <= MAX_LEAF { leaf_cost } else { f32::INFINITY });
                 }
             }
         }
