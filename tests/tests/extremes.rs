@@ -1,7 +1,7 @@
 //! Stiff and extreme input: bright and dim, many, tiny, coincident, far away, broken.
 
 use hplt::geom::glam::{DVec3, Vec3};
-use hplt::geom::{BuildPolicy, Bvh, BvhOptions, Material, MeshInput, Rgb, Scene, SceneBuilder, SceneReport};
+use hplt::geom::{BuildPolicy, Bvh, BvhOptions, Material, MeshInput, Rgb, Scene, SceneBuilder, SceneReport, Sides};
 use hplt::reference::closed_forms;
 use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::Warning;
@@ -205,7 +205,8 @@ fn d18_a_gap_leaks_and_is_counted() {
         scene.room(DVec3::ZERO, DVec3::ONE);
         // One wall drawn in, so that a slit runs around it.
         let mut builder = SceneBuilder::new();
-        let wall = builder.push_material(furnace_wall(0.5));
+        // The outside reflects nothing, so that every ray starts inside.
+        let wall = builder.push_material(Material { reflects: Sides::Front, ..furnace_wall(0.5) });
         scene.positions[0..4].iter_mut().for_each(|p| {
             *p = DVec3::new(p.x, 0.5 + (p.y - 0.5) * (1.0 - 2.0 * gap), 0.5 + (p.z - 0.5) * (1.0 - 2.0 * gap));
         });
@@ -217,8 +218,8 @@ fn d18_a_gap_leaks_and_is_counted() {
     assert_eq!(leak(0.0), 0.0);
     let (narrow, wide) = (leak(1e-3), leak(1e-2));
     println!("leaked shares: {narrow:e} {wide:e}");
-    // The slit is 4·gap of six faces.
-    assert!((2e-4..2e-3).contains(&narrow) && (2e-3..2e-2).contains(&wide), "{narrow:e} {wide:e}");
+    // The slit is 4·gap of six faces: 0.067 and 0.67 %.
+    assert!((3e-4..1.2e-3).contains(&narrow) && (3e-3..1.2e-2).contains(&wide), "{narrow:e} {wide:e}");
 }
 
 /// D23: a triangle a kilometre wide among many of a millimetre: no explosion of points, and they are lit.
