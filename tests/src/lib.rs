@@ -14,12 +14,13 @@ pub use verdict::{area_mean, assert_equivalent, mean_luminance, replicated};
 
 use std::path::{Path, PathBuf};
 
-use hplt::basis::{Absolute, BasisOptions, Coefficients, Coverage, ExactShepard, ShepardBasis};
+use hplt::basis::{Absolute, BasisOptions, Coefficients, Coverage, ExactShepard, LayeredNearest, ShepardBasis};
 use hplt::geom::{Bvh, BvhOptions, NoProgress, OrientedPoint, RegionId, Rgb, Scene, glam::DVec3, glam::Vec3};
 use hplt::sampling::{Hierarchy, HierarchyOptions, HierarchyReport, Radius, Regions, poisson_hierarchy, random::Stage};
 use hplt::transport::{
-    DirectLight, DirectOptions, Error, FinalGather, FinalGatherOptions, Model, Sender, Solution, TransportOptions,
-    TransportReport, direct_irradiance, final_gather, project_direct, transport_absolute, transport_delta,
+    DirectLight, DirectOptions, Error, FinalGather, FinalGatherOptions, LinkOptions, Linked, Model, Sender, Solution,
+    TransportOptions, TransportReport, direct_irradiance, final_gather, project_direct, transport_absolute,
+    transport_delta, transport_links,
 };
 
 /// How a scene is solved.
@@ -186,6 +187,22 @@ impl Prepared {
         let mut out = vec![Rgb::ZERO; points.len()];
         let coverage = (self.stages.display)(&self.basis, field, self.basis.n_levels(), points, &mut out);
         (out, coverage)
+    }
+
+    /// The scene lit by links from its coarsest level on.
+    pub fn link(&self, options: &LinkOptions) -> Linked {
+        let light = DirectLight::new(&self.scene, self.setup.direct);
+        let coarsest = self.basis.hierarchy().clone();
+        transport_links(&self.scene, &self.bvh, coarsest, &light, options, &NoProgress).expect("links")
+    }
+
+    /// Indirect irradiance at points by a final gather over what was linked.
+    pub fn gather_linked(&self, linked: &Linked, points: &[OrientedPoint], n_rays: u32) -> Vec<FinalGather> {
+        let model = Model { basis: &linked.basis, ..self.model() };
+        let sender = Sender { coefficients: &linked.indirect, reconstruction: &LayeredNearest, n_levels: usize::MAX };
+        let light = DirectLight::new(&self.scene, self.setup.direct);
+        let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed: 1, light: &light, contact: 1.0 };
+        final_gather(&model, &sender, points, options, &NoProgress).expect("nothing interrupts")
     }
 
     /// Indirect irradiance at points by a final gather.

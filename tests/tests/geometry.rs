@@ -1,9 +1,10 @@
 //! Geometry: no leaks, sides, needles, regions.
 
+use hplt::basis::{Layered, Reconstruction};
 use hplt::geom::glam::{DVec3, Vec3};
 use hplt::geom::{Material, OrientedPoint, Rgb, SceneBuilder};
 use hplt::reference::scenes::{self, Shape};
-use hplt::transport::{Threshold, TransportOptions};
+use hplt::transport::{LinkOptions, Threshold, TransportOptions};
 use hplt_tests::{Prepared, Setup, Solved};
 
 /// A few rays: what is exactly black does not depend on how many.
@@ -187,14 +188,16 @@ fn d11_a_low_step_does_not_bleed() {
                 white,
             );
             builder.push_point_light("lamp", DVec3::new(0.2, 0.9, 0.5), Rgb::ONE);
-            let prepared = Prepared::new(scenes::build(builder), Setup { n_levels, ..Setup::default() });
-            let solved = prepared.solve().unwrap();
+            let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 1, ..Setup::default() });
+            let linked = prepared.link(&LinkOptions { n_levels, ..LinkOptions::production() });
             let shade = grid(&prepared, DVec3::new(0.801, 0.0, 0.3), DVec3::Z * 0.4, DVec3::X * 0.05, 12);
             let lit = grid(&prepared, DVec3::new(0.5, step, 0.3), DVec3::Z * 0.4, DVec3::X * 0.05, 12);
             let points = [shade, lit].concat();
-            let (interpolated, _) = prepared.interpolate(&solved.indirect, &points);
+            let mut interpolated = vec![Rgb::ZERO; points.len()];
+            let n_all = linked.basis.n_levels();
+            Layered.reconstruct(&linked.basis, &linked.indirect, n_all, &points, &mut interpolated);
             let direct = prepared.direct_at(&points);
-            let gathered = prepared.gather(&solved, &points, 1024);
+            let gathered = prepared.gather_linked(&linked, &points, 4096);
             let sum: f64 = (0..points.len())
                 .map(|i| {
                     let truth = direct[i] + gathered[i].irradiance;

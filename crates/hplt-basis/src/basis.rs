@@ -153,14 +153,17 @@ impl ShepardBasis {
         true
     }
 
-    /// The nearest function of `level` in the region of `query`, on its side and, if there is any, in its layer; exactly.
+    /// The nearest function of `level` in the region of `query`, exactly: one within sight if there is any, else one on its
+    /// side, else any.
     pub fn nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
         let points = self.points(level);
         let find = |accept: &dyn Fn(&OrientedPoint) -> bool| {
             self.trees[level].nearest(query.position, f32::INFINITY, |id| accept(&points[id as usize]))
         };
         let same_side = |p: &OrientedPoint| p.region == query.region && p.normal.dot(query.normal) > 0.0;
-        find(&|p| p.is_continued_at(query)).or_else(|| find(&same_side)).map(|(id, _)| id)
+        let same_region = |p: &OrientedPoint| p.region == query.region;
+        let found = find(&|p| p.is_continued_at(query)).or_else(|| find(&same_side));
+        found.or_else(|| find(&same_region)).map(|(id, _)| id)
     }
 
     /// A function of `level` near `query`, in its region, within sight and with a normal within 60°: what one descent of the

@@ -305,6 +305,9 @@ mod tests {
         assert_eq!(settings.transport, TransportOptions::slides());
         assert_eq!((settings.variant, settings.must_converge), (Variant::Delta, false));
         let settings = resolve(&[]).unwrap();
+        let (links, production) = (settings.links(), LinkOptions::production());
+        assert_eq!((settings.variant, links), (Variant::Links, production));
+        let settings = resolve(&["--variant", "absolute"]).unwrap();
         let production = TransportOptions { sender_levels: MAX_LEVELS, ..TransportOptions::production() };
         assert_eq!(settings.transport, production);
         assert!(settings.must_converge);

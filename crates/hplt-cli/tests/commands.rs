@@ -67,8 +67,8 @@ fn a_render_writes_what_is_asked_and_says_it_in_one_json_document() {
     assert_eq!(report["outputs"], serde_json::json!(["a.png", "a.exr"]));
     assert_eq!((report["converged"].as_bool(), report["command"].as_str()), (Some(true), Some("render")));
     assert!(report["error"]["mean"].as_f64().unwrap() > 0.0);
-    assert!(report["levels"].as_array().unwrap().len() == 2 && !report["bounces"].as_array().unwrap().is_empty());
-    assert!(report["stages"].as_array().unwrap().iter().any(|s| s["stage"] == "bounces"));
+    assert!(report["levels"].as_array().unwrap().len() == 2 && report["links"]["links"].as_u64().unwrap() > 0);
+    assert!(report["stages"].as_array().unwrap().iter().any(|s| s["stage"] == "links"));
     let exr = folder.read("a.exr");
     for name in ["hplt.seed", "hplt.job", "hplt.error_mean", "indirect.R", "irradiance.G", "albedo.B", "N.X", "P.Z"] {
         assert!(exr.windows(name.len()).any(|w| w == name.as_bytes()), "{name}");

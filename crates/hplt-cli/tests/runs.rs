@@ -39,7 +39,7 @@ fn out_of_time_before_the_first_result_is_said_and_nothing_is_written() {
 fn out_of_time_while_bouncing_writes_what_is_finished_and_marks_it() {
     let folder = Folder::new();
     let endless = ["--levels", "3", "--rays", "65536", "--tolerance", "none"];
-    let render = ["render", "gen:furnace", "-o", "a.exr", "--size", "16x16", "--max-time", "4s", "--json"];
+    let render = ["render", "gen:furnace", "-o", "a.exr", "--size", "16x16", "--max-time", "4s", "--json", "--variant=absolute"];
     let started = std::time::Instant::now();
     let ran = folder.run(&[&render[..], &endless].concat());
     assert_eq!(ran.code, Some(6), "{ran:?}");
@@ -56,8 +56,9 @@ fn an_interrupt_writes_what_is_finished_and_ends_with_130() {
     let folder = Folder::new();
     folder.write("at.csv", "0.5,0,0.5,0,1,0\n");
     let args = ["points", "gen:furnace", "--at", "at.csv", "--out", "a.csv", "--progress", "json", "--levels", "3"];
+    let bouncing = "--variant=absolute";
     // The time limit only ends this test where interrupting fails.
-    let endless = ["--rays", "65536", "--tolerance", "none", "--max-time", "60s"];
+    let endless = ["--rays", "65536", "--tolerance", "none", "--max-time", "60s", bouncing];
     let mut command = folder.command(&[&args[..], &endless].concat());
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     // Once it bounces, it goes on for minutes.
