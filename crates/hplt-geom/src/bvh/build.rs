@@ -17,7 +17,7 @@ use crate::{Mesh, TriangleId, parallel};
 const FEW: usize = 4;
 /// PLOC and reinsertion work on groups of at most so many boxes, which top-down splits make. Groups are built in parallel, and
 /// what they need stays in the cache.
-const GROUP: usize = 1 << 17;
+pub(super) const GROUP: usize = 1 << 17;
 /// Levels below which top-down splits are at the median.
 const MEDIAN_DEPTH: usize = 60;
 /// A grid cell with more triangles than this that stick out of it is crowded.
