@@ -204,8 +204,11 @@ impl EmbreeScene<'_> {
             let valid: [i32; N] = std::array::from_fn(|i| if i < rays.len() { -1 } else { 0 });
             let packet_pointer = (&raw mut packet).cast::<c_void>();
             // Version 4 takes optional arguments after the rays, version 3 a context before them.
-            let (second, third) =
-                if self.embree.version == 3 { (context, packet_pointer) } else { (packet_pointer, std::ptr::null_mut()) };
+            let (second, third) = if self.embree.version == 3 {
+                (context, packet_pointer)
+            } else {
+                (packet_pointer, std::ptr::null_mut())
+            };
             // SAFETY: the pointers are to a packet of the width that the function takes.
             unsafe {
                 if N == 1 {

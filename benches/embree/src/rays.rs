@@ -21,36 +21,37 @@ struct Points<'a> {
     scene: &'a Scene,
     cumulative: Vec<f64>,
     stream: Stream,
+    fronts_only: bool,
 }
 
 impl<'a> Points<'a> {
-    fn new(scene: &'a Scene, stage: Stage) -> Self {
+    fn new(scene: &'a Scene, stage: Stage, fronts_only: bool) -> Self {
         let mut total = 0.0;
         let mut add = |t| {
             total += scene.mesh().area(TriangleId(t));
             total
         };
         let cumulative = (0..scene.mesh().n_triangles() as u32).map(&mut add).collect();
-        Self { scene, cumulative, stream: Stream::new(1, stage) }
+        Self { scene, cumulative, stream: Stream::new(1, stage), fronts_only }
     }
 
-    /// A position and the normal of a random side.
+    /// A position and the normal of a random side, or of the front.
     fn point(&self, index: u32) -> (Vec3, Vec3) {
         let [a, b, c, d] = self.stream.words(index, 0, 0);
         let total = self.cumulative[self.cumulative.len() - 1];
         let target = f64::from(unit_f32(a)) * total;
         let triangle = TriangleId(self.cumulative.partition_point(|&x| x < target) as u32);
         let Vec2 { x: u, y: v } = warp::uniform_triangle(Vec2::new(unit_f32(b), unit_f32(c)));
-        let side = if d & 1 == 0 { 1.0 } else { -1.0 };
+        let side = if self.fronts_only || d & 1 == 0 { 1.0 } else { -1.0 };
         (self.scene.mesh().position_at(triangle, u, v), self.scene.mesh().face_normal(triangle) * side)
     }
 }
 
 /// The rays of `n` receivers along a Morton curve. Receivers that see more sky than surface are left out: the back of an
-/// open box would be a benchmark of rays that meet nothing.
-pub fn rays(scene: &Scene, caster: &impl RayCaster, n: u32) -> Rays {
-    let points = Points::new(scene, Stage::Candidates);
-    let targets = Points::new(scene, Stage::Emission);
+/// open box would be a benchmark of rays that meet nothing. `fronts_only` leaves out the inside of closed bodies.
+pub fn rays(scene: &Scene, caster: &impl RayCaster, n: u32, fronts_only: bool) -> Rays {
+    let points = Points::new(scene, Stage::Candidates, fronts_only);
+    let targets = Points::new(scene, Stage::Emission, fronts_only);
     let sees_surface = |&(position, normal): &(Vec3, Vec3)| {
         let origin = offset_origin(position, normal);
         let direction = |k| warp::cosine_hemisphere(sobol::sobol_2d(k, 1, 0), normal);

@@ -18,6 +18,7 @@ pub enum Sides {
 
 impl Sides {
     /// Whether the given side is among them.
+    #[inline]
     pub fn includes(self, is_front: bool) -> bool {
         is_front || self == Self::Both
     }
@@ -116,6 +117,7 @@ impl Material {
     }
 
     /// The albedo of one side at `uv`.
+    #[inline]
     pub fn albedo_at(&self, is_front: bool, uv: Vec2) -> Rgb {
         if !self.reflects.includes(is_front) {
             return Rgb::ZERO;
@@ -124,6 +126,7 @@ impl Material {
     }
 
     /// The emitted exitance of one side at `uv`.
+    #[inline]
     pub fn exitance_at(&self, is_front: bool, uv: Vec2) -> Rgb {
         if !self.emits.includes(is_front) {
             return Rgb::ZERO;

@@ -12,6 +12,7 @@ impl TriangleId {
     pub const NONE: Self = Self(u32::MAX);
 
     /// The index as `usize`.
+    #[inline]
     pub fn index(self) -> usize {
         self.0 as usize
     }
@@ -47,16 +48,19 @@ impl Mesh {
     }
 
     /// The corners of a triangle.
+    #[inline]
     pub fn corners(&self, triangle: TriangleId) -> [Vec3; 3] {
         self.triangles[triangle.index()].map(|v| self.positions[v as usize])
     }
 
     /// The unit normal of a triangle's front side.
+    #[inline]
     pub fn face_normal(&self, triangle: TriangleId) -> Vec3 {
         self.face_normals[triangle.index()]
     }
 
     /// The material of a triangle.
+    #[inline]
     pub fn material(&self, triangle: TriangleId) -> MaterialId {
         self.materials[triangle.index()]
     }
@@ -68,6 +72,7 @@ impl Mesh {
     }
 
     /// The texture coordinates of a triangle's corners; zero when the mesh keeps none.
+    #[inline]
     pub fn corner_uvs(&self, triangle: TriangleId) -> [Vec2; 3] {
         if self.uvs.is_empty() {
             return [Vec2::ZERO; 3];
@@ -86,11 +91,13 @@ impl Mesh {
     }
 
     /// The point at barycentric weights `(1-u-v, u, v)`.
+    #[inline]
     pub fn position_at(&self, triangle: TriangleId, u: f32, v: f32) -> Vec3 {
         interpolate(self.corners(triangle), u, v)
     }
 
     /// The texture coordinate at barycentric weights `(1-u-v, u, v)`.
+    #[inline]
     pub fn uv_at(&self, triangle: TriangleId, u: f32, v: f32) -> Vec2 {
         let [a, b, c] = self.corner_uvs(triangle);
         a * (1.0 - u - v) + b * u + c * v
@@ -98,6 +105,7 @@ impl Mesh {
 
     /// The interpolated shading normal, on the side of `face_normal`; `face_normal` itself where there is none or where
     /// the two differ by more than 60°.
+    #[inline]
     pub fn shading_normal_at(&self, triangle: TriangleId, u: f32, v: f32) -> Vec3 {
         let face = self.face_normal(triangle);
         if self.shading_normals.is_empty() {

@@ -86,6 +86,7 @@ pub trait RayCaster: Sync {
 /// `position`, moved off its surface along `normal` by a few units in the last place, so that a ray that starts there
 /// does not meet the surface again (Wächter & Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray
 /// Tracing Gems 2019, listing 6-1). `position` must come from barycentric coordinates, not from `origin + t·direction`.
+#[inline]
 pub fn offset_origin(position: Vec3, normal: Vec3) -> Vec3 {
     Vec3::new(
         offset_coordinate(position.x, normal.x),

@@ -56,6 +56,7 @@ impl Scene {
     }
 
     /// The material of a triangle.
+    #[inline]
     pub fn material(&self, triangle: TriangleId) -> &Material {
         &self.materials[self.mesh.material(triangle).0 as usize]
     }
@@ -100,6 +101,7 @@ impl Scene {
     ///
     /// # Panics
     /// On a miss.
+    #[inline]
     pub fn surface_at(&self, hit: &Hit) -> SurfacePoint {
         let Hit { triangle, u, v, is_front, .. } = *hit;
         let side = if is_front { 1.0 } else { -1.0 };
@@ -114,11 +116,13 @@ impl Scene {
     }
 
     /// The albedo of the side that a surface point is on.
+    #[inline]
     pub fn albedo(&self, point: &SurfacePoint) -> Rgb {
         self.material(point.triangle).albedo_at(point.is_front, point.uv)
     }
 
     /// The exitance of the side that a surface point is on.
+    #[inline]
     pub fn exitance(&self, point: &SurfacePoint) -> Rgb {
         self.material(point.triangle).exitance_at(point.is_front, point.uv)
     }

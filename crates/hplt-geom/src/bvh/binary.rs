@@ -40,6 +40,16 @@ pub(super) struct BinaryNode {
     pub(super) kind: BinaryKind,
 }
 
+impl BinaryNode {
+    /// With its children, if it has any, `offset` places further on.
+    fn moved(self, offset: u32) -> Self {
+        match self.kind {
+            BinaryKind::Inner(first) => Self { kind: BinaryKind::Inner(first + offset), ..self },
+            BinaryKind::Leaf(_) => self,
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum BinaryKind {
     /// The triangle's id.
@@ -82,12 +92,8 @@ impl BinaryTree {
             // The root takes the place of the leaf; whatever comes after it moves.
             let nodes = &trees[leaf as usize].nodes;
             let offset = self.nodes.len() as u32 - 1;
-            let moved = |node: &BinaryNode| match node.kind {
-                BinaryKind::Inner(first) => BinaryNode { kind: BinaryKind::Inner(first + offset), ..*node },
-                BinaryKind::Leaf(_) => *node,
-            };
-            self.nodes[place] = moved(&nodes[0]);
-            self.nodes.extend(nodes[1..].iter().map(moved));
+            self.nodes[place] = nodes[0].moved(offset);
+            self.nodes.extend(nodes[1..].iter().map(|node| node.moved(offset)));
         }
         self
     }

@@ -17,7 +17,7 @@ use crate::{Mesh, TriangleId, parallel};
 const FEW: usize = 4;
 /// PLOC and reinsertion work on groups of at most so many boxes, which top-down splits make. Groups are built in parallel, and
 /// what they need stays in the cache.
-const GROUP: usize = 1 << 16;
+pub(super) const GROUP: usize = 1 << 17;
 /// Levels below which top-down splits are at the median.
 const MEDIAN_DEPTH: usize = 60;
 /// A grid cell with more triangles than this that stick out of it is crowded.
@@ -124,7 +124,7 @@ pub(super) fn binary_tree(primitives: &[Primitive], options: BvhOptions) -> (Bin
     let groups = top_down::groups(primitives, GROUP, MEDIAN_DEPTH);
     let trees =
         parallel::map(groups.ranges.len(), || (), |(), i| group_tree(&groups.items[groups.ranges[i].clone()], options));
-    let is_top_down = trees.iter().any(|(_, is_top_down)| *is_top_down);
+    let is_top_down = primitives.len() <= FEW || trees.iter().any(|(_, is_crowded)| *is_crowded);
     let trees: Vec<BinaryTree> = trees.into_iter().map(|(tree, _)| tree).collect();
     let tree = groups.tree.grafted(&trees);
     if tree.depth() <= limit {
@@ -135,12 +135,13 @@ pub(super) fn binary_tree(primitives: &[Primitive], options: BvhOptions) -> (Bin
     (tree, true)
 }
 
-/// The tree of one group, and whether it was built top-down.
+/// The tree of one group, and whether too many boxes share a place in it for PLOC.
 fn group_tree(primitives: &[Primitive], options: BvhOptions) -> (BinaryTree, bool) {
-    if primitives.len() > FEW && !is_crowded(primitives) {
+    let is_crowded = is_crowded(primitives);
+    if primitives.len() > FEW && !is_crowded {
         (ploc(primitives, options), false)
     } else {
-        (top_down::build(primitives, MEDIAN_DEPTH), true)
+        (top_down::build(primitives, MEDIAN_DEPTH), is_crowded)
     }
 }
 

@@ -1,7 +1,9 @@
 use glam::{DVec3, Vec2, Vec3};
 
+use super::binary::BinaryKind;
 use super::test_scenes::{Random, Soup, masked_quad, nested, raw_mesh, scene, soup, sphere};
-use super::{Bvh, BvhOptions, Cutouts, Query, build, build_tree, dispatch, top_down};
+use super::triangle::Packet;
+use super::{Bvh, BvhOptions, Cutouts, Query, build, build_tree, dispatch, top_down, wide};
 use crate::{Hit, Mesh, Ray, RayCaster, TriangleId, offset_origin};
 
 /// A hierarchy over a mesh that is not mapped into scene space.
@@ -65,25 +67,34 @@ fn nearest_and_any_hit_agree_with_brute_force_on_soups() {
     }
 }
 
-/// The five placements of a closed sphere, and rays from inside in random directions, at vertices and at edge midpoints.
+/// How many rays leave a closed sphere from inside: in random directions, at vertices and at edge midpoints. They are traced in
+/// batches.
 fn leaks(soup: Soup, center: DVec3, radius: f64, n_rays: usize, seed: u64) -> [usize; 3] {
+    const BATCH: usize = 256;
     let mesh = raw_mesh(soup);
     let bvh = raw_bvh(&mesh);
     let mut random = Random::new(seed);
     let mut leaks = [0; 3];
-    for _ in 0..n_rays {
-        let origin = (center + random.direction().as_dvec3() * (0.5 * radius * f64::from(random.unit()))).as_vec3();
-        let triangle = TriangleId(random.below(mesh.n_triangles()) as u32);
-        let [a, b, _] = mesh.corners(triangle);
-        let targets = [None, Some(a), Some(a * 0.5 + b * 0.5)];
-        for (leaked, target) in leaks.iter_mut().zip(targets) {
-            let direction = target.map_or_else(|| random.direction(), |target| target - origin);
-            *leaked += usize::from(bvh.nearest(Ray::new(origin, direction)).is_miss());
+    let mut hits = [Hit::MISS; BATCH];
+    for kind in 0..leaks.len() {
+        for first in (0..n_rays).step_by(BATCH) {
+            let rays: Vec<Ray> = (first..n_rays.min(first + BATCH))
+                .map(|_| {
+                    let offset = random.direction().as_dvec3() * (0.5 * radius * f64::from(random.unit()));
+                    let origin = (center + offset).as_vec3();
+                    let [a, b, _] = mesh.corners(TriangleId(random.below(mesh.n_triangles()) as u32));
+                    let direction = [random.direction(), a - origin, a * 0.5 + b * 0.5 - origin][kind];
+                    Ray::new(origin, direction)
+                })
+                .collect();
+            bvh.trace_nearest(&rays, &mut hits[..rays.len()]);
+            leaks[kind] += hits[..rays.len()].iter().filter(|hit| hit.is_miss()).count();
         }
     }
     leaks
 }
 
+/// The five placements of a closed sphere.
 const PLACEMENTS: [([f64; 3], f64); 5] =
     [([0.0; 3], 2.0), ([148_376.0, 1_234.0, -223_423.0], 2.0), ([1e6; 3], 2.0), ([0.0; 3], 1e-6), ([0.0; 3], 1e8)];
 
@@ -280,6 +291,55 @@ fn results_do_not_depend_on_the_batch_or_on_the_instruction_set() {
     dispatch::run_portable(bvh.target(), Query::Occluded(&rays, &mut occluded_portable));
     assert_eq!(occluded, occluded_portable);
     assert!(occluded.iter().zip(&whole).all(|(&occluded, hit)| occluded != hit.is_miss()));
+}
+
+#[test]
+fn a_scene_of_several_groups_has_all_its_triangles_and_the_same_hits_as_a_top_down_tree() {
+    // More than one group of boxes for PLOC; 160,000 triangles.
+    let mesh = raw_mesh(sphere(283, 283, 1.0, DVec3::ZERO));
+    let primitives = build::primitives(&mesh, true, |_| true);
+    let (grouped, is_top_down) = build::binary_tree(&primitives, BvhOptions::fast());
+    assert!(primitives.len() > build::GROUP && !is_top_down);
+    let mut found = vec![0u32; mesh.n_triangles()];
+    for (i, node) in grouped.nodes.iter().enumerate() {
+        match node.kind {
+            BinaryKind::Leaf(triangle) => found[triangle as usize] += 1,
+            BinaryKind::Inner(first) => {
+                let children = [0, 1].map(|side| grouped.nodes[first as usize + side].bounds);
+                assert!(first as usize > i && children[0].union(children[1]) == node.bounds);
+            }
+        }
+    }
+    assert!(found.iter().all(|&n| n >= 1) && found.iter().sum::<u32>() as usize == primitives.len());
+
+    let bvh = raw_bvh(&mesh);
+    let (tree, _) = wide::collapse(&top_down::build(&primitives, 60), &mesh, |_| false);
+    let other = Bvh { tree, cutouts: Cutouts::default() };
+    let mut random = Random::new(17);
+    let origin = random.in_cube() * 0.5;
+    let rays: Vec<Ray> = (0..5_000).map(|_| Ray::new(origin, random.direction())).collect();
+    let (mut batch, mut alone) = (vec![Hit::MISS; rays.len()], vec![Hit::MISS; rays.len()]);
+    bvh.trace_nearest(&rays, &mut batch);
+    rays.iter().zip(&mut alone).for_each(|(ray, hit)| *hit = other.nearest(*ray));
+    assert_eq!(batch, alone);
+}
+
+#[cfg(feature = "rayon")]
+#[test]
+fn the_tree_is_the_same_at_any_thread_count() {
+    let mesh = raw_mesh(sphere(283, 283, 1.0, DVec3::ZERO));
+    let build_by = |n_threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+        pool.install(|| build_tree(&mesh, &Cutouts::default(), BvhOptions::fast()))
+    };
+    let (serial, serial_report) = build_by(1);
+    for n_threads in [2, 3] {
+        let (tree, report) = build_by(n_threads);
+        assert_eq!(report, serial_report);
+        assert!(tree.nodes.iter().zip(&serial.nodes).all(|(a, b)| (a.planes, a.children) == (b.planes, b.children)));
+        let ids = |packet: &Packet| std::array::from_fn::<_, { Packet::LANES }, _>(|lane| packet.id(lane));
+        assert!(tree.packets.iter().map(ids).eq(serial.packets.iter().map(ids)));
+    }
 }
 
 /// How many of `n` rays that leave a hit meet its triangle again.

@@ -80,16 +80,9 @@ impl WideTree {
     fn graft(&mut self, place: usize, part: &Self) {
         // The root takes that place; whatever comes after it moves.
         let (node_offset, packet_offset) = (self.nodes.len() - 1, self.packets.len());
-        let moved = |node: &Node| {
-            let children = node.children.map(|child| match child {
-                Child::NONE => child,
-                leaf if leaf.is_leaf() => Child::leaf(leaf.packet_index() + packet_offset),
-                inner => Child::node(inner.node_index() + node_offset),
-            });
-            Node { children, ..*node }
-        };
-        self.nodes[place] = moved(&part.nodes[0]);
+        let moved = |node: &Node| node.moved(node_offset, packet_offset);
         self.nodes.extend(part.nodes[1..].iter().map(moved));
+        self.nodes[place] = part.nodes[0].moved(node_offset, packet_offset);
         self.packets.extend_from_slice(&part.packets);
         self.depth = self.depth.max(part.depth);
     }
@@ -219,6 +212,16 @@ const EMPTY_NODE: Node = Node {
 };
 
 impl Node {
+    /// With its inner children and its packets that many places further on.
+    fn moved(&self, node_offset: usize, packet_offset: usize) -> Self {
+        let children = self.children.map(|child| match child {
+            Child::NONE => child,
+            leaf if leaf.is_leaf() => Child::leaf(leaf.packet_index() + packet_offset),
+            inner => Child::node(inner.node_index() + node_offset),
+        });
+        Self { children, ..*self }
+    }
+
     fn set(&mut self, lane: usize, Bounds { min, max }: Bounds, child: Child) {
         for axis in 0..3 {
             self.planes[axis][lane] = min[axis];
