@@ -168,7 +168,8 @@ fn no_light_at_all_is_a_black_result_and_a_warning() {
 #[test]
 fn too_few_bounces_are_marked_and_with_strict_nothing_is_written() {
     let folder = Folder::new();
-    let render = ["render", "gen:furnace", "-o", "a.exr", "--size", "8x8", "--bounces", "2", "--json", "--variant=absolute"];
+    let render =
+        ["render", "gen:furnace", "-o", "a.exr", "--size", "8x8", "--bounces", "2", "--json", "--variant=absolute"];
     let ran = folder.tiny(&[&render[..], &["--strict"]].concat()).fails(6, "NOT_CONVERGED");
     assert!(folder.names().is_empty() && ran.json()["error"]["exit"] == 6);
     let ran = folder.tiny(&render);

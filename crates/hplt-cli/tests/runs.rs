@@ -39,7 +39,8 @@ fn out_of_time_before_the_first_result_is_said_and_nothing_is_written() {
 fn out_of_time_while_bouncing_writes_what_is_finished_and_marks_it() {
     let folder = Folder::new();
     let endless = ["--levels", "3", "--rays", "65536", "--tolerance", "none"];
-    let render = ["render", "gen:furnace", "-o", "a.exr", "--size", "16x16", "--max-time", "4s", "--json", "--variant=absolute"];
+    let render =
+        ["render", "gen:furnace", "-o", "a.exr", "--size", "16x16", "--max-time", "4s", "--json", "--variant=absolute"];
     let started = std::time::Instant::now();
     let ran = folder.run(&[&render[..], &endless].concat());
     assert_eq!(ran.code, Some(6), "{ran:?}");
