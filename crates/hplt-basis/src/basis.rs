@@ -68,17 +68,20 @@ pub struct ShepardBasis {
     options: BasisOptions,
     /// One per level, where some levels are not everywhere.
     nearest: Vec<NearestIndex>,
+    /// How many of the coarsest levels are refined everywhere.
+    pub(crate) n_whole: usize,
 }
 
 impl ShepardBasis {
     /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
     pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
         let trees = hierarchy.levels.iter().map(tree_of).collect();
-        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, nearest: Vec::new() };
+        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, nearest: Vec::new(), n_whole: 0 };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
         if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
             basis.nearest = basis.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
         }
+        basis.n_whole = basis.count_whole();
         basis
     }
 
@@ -207,6 +210,7 @@ impl ShepardBasis {
         self.nearest.push(NearestIndex::build(&level.points));
         self.hierarchy.levels.push(level);
         self.parents.push(self.find_parents(finest + 1));
+        self.n_whole = self.count_whole();
     }
 
     /// Takes away all levels but the `n_levels` coarsest.
@@ -218,6 +222,7 @@ impl ShepardBasis {
             finest.is_refined = vec![false; finest.points.len()];
         }
         self.nearest.truncate(n_levels);
+        self.n_whole = self.count_whole();
     }
 
     /// Bytes that trees, parents and points take.
@@ -226,6 +231,11 @@ impl ShepardBasis {
         let parents: usize = self.parents.iter().map(Parents::memory).sum();
         let nearest: usize = self.nearest.iter().map(NearestIndex::memory).sum();
         self.hierarchy.memory() + trees + parents + nearest
+    }
+
+    fn count_whole(&self) -> usize {
+        let is_whole = |level: &&PointLevel| level.is_refined.iter().all(|&r| r);
+        self.hierarchy.levels.iter().take_while(is_whole).count()
     }
 
     fn find_parents(&self, level: usize) -> Parents {

@@ -86,11 +86,16 @@ impl ShepardBasis {
         refined.min(1.0) * (sum / FULL_COVERAGE).min(1.0)
     }
 
+    /// The coarsest of `n_levels` levels that has functions which nothing finer stands in for.
+    pub fn coarsest_read(&self, n_levels: usize) -> usize {
+        self.n_whole.min(n_levels.saturating_sub(1))
+    }
+
     /// The approximately nearest function on the finest level around `query` among the `n_levels` coarsest, as level and
     /// index there.
     pub fn layered_nearest(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
         let mut found = None;
-        for level in 0..n_levels {
+        for level in self.coarsest_read(n_levels)..n_levels {
             // Searching pays only on the level that must answer.
             match self.quick_nearest(level, query, found.is_none()) {
                 Some(function) => {

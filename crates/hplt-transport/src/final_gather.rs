@@ -52,7 +52,8 @@ pub fn final_gather<E>(
 ) -> Result<Vec<FinalGather>, Interrupted> {
     let counter = Counter::new(progress, "final gather", points.len());
     let n_levels = sender.n_levels.min(model.basis.n_levels());
-    let farthest_contact = if n_levels == 0 { 0.0 } else { options.contact * model.basis.support(0) };
+    let coarsest = model.basis.coarsest_read(n_levels);
+    let farthest_contact = if n_levels == 0 { 0.0 } else { options.contact * model.basis.support(coarsest) };
     let gathering = Gathering { model, sender, options, n_levels, farthest_contact };
     parallel::try_map(points.len(), Buffers::default, |buffers, i| {
         counter.step()?;
