@@ -59,6 +59,14 @@ impl Footprint {
     }
 }
 
+/// What a function must share with a query.
+#[derive(Debug, Clone, Copy)]
+enum Nearness {
+    InSight,
+    SameSide,
+    SameRegion,
+}
+
 /// The Shepard bases of all levels of a hierarchy, with a kd-tree per level and the parents of every function.
 #[derive(Debug)]
 pub struct ShepardBasis {
@@ -159,14 +167,27 @@ impl ShepardBasis {
     /// The nearest function of `level` in the region of `query`, exactly: one within sight if there is any, else one on its
     /// side, else any.
     pub fn nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
+        let mut found = [Nearness::InSight, Nearness::SameSide, Nearness::SameRegion].into_iter();
+        found.find_map(|nearness| self.nearest_as(level, query, nearness))
+    }
+
+    /// Level and index of the nearest function of the finest of `n_levels` levels that has one in the region of `query`: within
+    /// sight on any level rather than on its side, on its side rather than any.
+    pub(crate) fn nearest_on_any_level(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
+        [Nearness::InSight, Nearness::SameSide, Nearness::SameRegion].into_iter().find_map(|nearness| {
+            (0..n_levels).rev().find_map(|level| Some((level, self.nearest_as(level, query, nearness)?)))
+        })
+    }
+
+    fn nearest_as(&self, level: usize, query: &OrientedPoint, nearness: Nearness) -> Option<u32> {
         let points = self.points(level);
-        let find = |accept: &dyn Fn(&OrientedPoint) -> bool| {
-            self.trees[level].nearest(query.position, f32::INFINITY, |id| accept(&points[id as usize]))
+        let accept = |p: &OrientedPoint| match nearness {
+            Nearness::InSight => p.is_continued_at(query),
+            Nearness::SameSide => p.region == query.region && p.normal.dot(query.normal) > 0.0,
+            Nearness::SameRegion => p.region == query.region,
         };
-        let same_side = |p: &OrientedPoint| p.region == query.region && p.normal.dot(query.normal) > 0.0;
-        let same_region = |p: &OrientedPoint| p.region == query.region;
-        let found = find(&|p| p.is_continued_at(query)).or_else(|| find(&same_side));
-        found.or_else(|| find(&same_region)).map(|(id, _)| id)
+        let found = self.trees[level].nearest(query.position, f32::INFINITY, |id| accept(&points[id as usize]));
+        found.map(|(id, _)| id)
     }
 
     /// A function of `level` near `query`, in its region, within sight and with a normal within 60°: what one descent of the

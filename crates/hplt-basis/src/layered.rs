@@ -43,10 +43,10 @@ impl ShepardBasis {
         expansion.clear();
         let mut coverage = Coverage { queries: 1, ..Coverage::default() };
         let Some(start) = (0..n_levels).find(|&level| self.weights(level, query, &mut scratch.here)) else {
-            match (0..n_levels).rev().find_map(|l| self.nearest(l, query).map(|i| self.flat_index(l, i))) {
-                Some(function) => {
+            match self.nearest_on_any_level(n_levels, query) {
+                Some((level, i)) => {
                     coverage.nearest = 1;
-                    expansion.push(Weight { function, weight: 1.0 });
+                    expansion.push(Weight { function: self.flat_index(level, i), weight: 1.0 });
                 }
                 None => coverage.uncovered = 1,
             }
@@ -108,7 +108,11 @@ impl ShepardBasis {
                 None => {}
             }
         }
-        found
+        // A patch too small for a finer function has only its coarse one.
+        found.or_else(|| {
+            let coarser = (0..self.coarsest_read(n_levels)).rev();
+            coarser.into_iter().find_map(|level| Some((level, self.quick_nearest(level, query, true)?)))
+        })
     }
 }
 

@@ -167,12 +167,14 @@ pub(crate) fn nearest_on_any_level(
     query: &OrientedPoint,
     coverage: &mut Coverage,
 ) -> Rgb {
-    for level in (0..n_levels).rev() {
-        if let Some(function) = basis.nearest(level, query) {
+    match basis.nearest_on_any_level(n_levels, query) {
+        Some((level, function)) => {
             coverage.nearest += 1;
-            return coefficients.level(level)[function as usize];
+            coefficients.level(level)[function as usize]
+        }
+        None => {
+            coverage.uncovered += 1;
+            Rgb::ZERO
         }
     }
-    coverage.uncovered += 1;
-    Rgb::ZERO
 }
