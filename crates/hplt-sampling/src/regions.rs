@@ -21,6 +21,8 @@ const NEIGHBORS: [usize; 3] = [3, 2, 2];
 const MIN_NORMAL_COSINE: f32 = 0.2;
 /// Rays of a point that no neighbour answers for.
 const RESCUE_RAYS: u32 = 32;
+/// Rays of a point whose neighbour is in the dark.
+const DOUBT_RAYS: u32 = 4;
 /// Points located by one task.
 const CHUNK: usize = 256;
 
@@ -83,23 +85,23 @@ impl Regions {
     }
 
     pub(crate) fn locate_one(&self, scene: &Scene, caster: &dyn RayCaster, point: Oriented) -> RegionId {
+        let mut n_rays = RESCUE_RAYS;
         if let Some(anchor) = self.anchors.join(caster, point, NEIGHBORS) {
-            return self.labels[anchor as usize];
+            if self.labels[anchor as usize] != RegionId::DARK {
+                return self.labels[anchor as usize];
+            }
+            // Through a crack a lit point, too, finds one in the dark. It is lit if anything else that it sees is.
+            n_rays = DOUBT_RAYS;
         }
         let bits = point.position.to_array().map(f32::to_bits);
         let scramble = Stream::new(self.seed, Stage::Probe).word(bits[0], bits[1], bits[2]);
-        for k in 0..RESCUE_RAYS {
-            match look(scene, caster, point, sobol_2d(k, scramble, 0).into()) {
-                None => {
-                    if let Some(sky) = self.sky {
-                        return sky;
-                    }
-                }
-                Some(seen) => {
-                    if let Some(anchor) = self.anchors.join(caster, seen, NEIGHBORS) {
-                        return self.labels[anchor as usize];
-                    }
-                }
+        for k in 0..n_rays {
+            let label = match look(scene, caster, point, sobol_2d(k, scramble, 0).into()) {
+                None => self.sky,
+                Some(seen) => self.anchors.join(caster, seen, NEIGHBORS).map(|anchor| self.labels[anchor as usize]),
+            };
+            if let Some(label) = label.filter(|&label| label != RegionId::DARK) {
+                return label;
             }
         }
         RegionId::DARK
