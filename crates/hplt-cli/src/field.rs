@@ -153,8 +153,8 @@ impl Field {
         either!(self, f => interpolate(basis, &f.direct, &*f.reconstruction, points).0)
     }
 
-    /// Indirect irradiance at points by the exact expansion, and how they were answered.
-    pub fn indirect_at(&self, basis: &ShepardBasis, points: &[OrientedPoint]) -> (Vec<Rgb>, Coverage) {
+    /// Indirect irradiance at points by the exact expansion, and the indices of those that no function is in sight of.
+    pub fn indirect_at(&self, basis: &ShepardBasis, points: &[OrientedPoint]) -> (Vec<Rgb>, Vec<usize>) {
         either!(self, f => interpolate(basis, &f.indirect, &*f.display, points))
     }
 
@@ -240,29 +240,37 @@ fn absolute_reconstruction(name: ReconstructionName) -> Box<dyn Reconstruction<A
     }
 }
 
-/// The field at points on all levels, in parallel, in order.
+/// The field at points on all levels, in parallel, in order; and the indices of points that no function is in sight of, whose
+/// values are those of the nearest.
 fn interpolate<E: Sync>(
     basis: &ShepardBasis,
     coefficients: &Coefficients<E>,
     reconstruction: &dyn Reconstruction<E>,
     points: &[OrientedPoint],
-) -> (Vec<Rgb>, Coverage) {
+) -> (Vec<Rgb>, Vec<usize>) {
     const CHUNK: usize = 256;
+    let read = |points: &[OrientedPoint], out: &mut [Rgb]| {
+        let coverage = reconstruction.reconstruct(basis, coefficients, basis.n_levels(), points, out);
+        coverage.nearest + coverage.uncovered == 0
+    };
     let chunks: Vec<&[OrientedPoint]> = points.chunks(CHUNK).collect();
     let parts = parallel::map(
         chunks.len(),
         || (),
         |(), i| {
             let mut out = vec![Rgb::ZERO; chunks[i].len()];
-            let coverage = reconstruction.reconstruct(basis, coefficients, basis.n_levels(), chunks[i], &mut out);
-            (out, coverage)
+            if read(chunks[i], &mut out) {
+                return (out, Vec::new());
+            }
+            let is_unseen = |&k: &usize| !read(&chunks[i][k..=k], &mut [Rgb::ZERO]);
+            let unseen: Vec<usize> = (0..chunks[i].len()).filter(is_unseen).map(|k| i * CHUNK + k).collect();
+            (out, unseen)
         },
     );
-    let mut coverage = Coverage::default();
-    let mut values = Vec::with_capacity(points.len());
-    for (part, counts) in parts {
+    let (mut values, mut unseen) = (Vec::with_capacity(points.len()), Vec::new());
+    for (part, of_part) in parts {
         values.extend(part);
-        coverage += counts;
+        unseen.extend(of_part);
     }
-    (values, coverage)
+    (values, unseen)
 }

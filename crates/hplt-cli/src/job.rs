@@ -1,9 +1,9 @@
 //! The stages that light a scene, in order.
 
 use hplt_basis::{BasisOptions, ShepardBasis};
-use hplt_geom::{Bvh, BvhOptions, OrientedPoint, PointHierarchy, Progress, Scene};
+use hplt_geom::{Bvh, BvhOptions, Extent, OrientedPoint, PointHierarchy, Progress, Scene};
 use hplt_sampling::random::Stage;
-use hplt_sampling::{HierarchyOptions, Regions, poisson_hierarchy, random_surface_points};
+use hplt_sampling::{HierarchyOptions, Regions, free_height, poisson_hierarchy, random_surface_points};
 use hplt_transport::{
     DirectLight, DirectOptions, ErrorProbe, Linked, Model, StopReason, direct_irradiance, project_direct,
     transport_links,
@@ -50,7 +50,10 @@ impl Lit<'_> {
     /// Points as queries in their regions.
     pub fn locate(&self, points: &[(hplt_geom::glam::Vec3, hplt_geom::glam::Vec3)]) -> Vec<OrientedPoint> {
         let regions = self.regions.locate(self.scene, &self.bvh, points);
-        let query = |(&(position, normal), region)| OrientedPoint::new(position, normal, region);
+        let query = |(&(position, normal), region)| {
+            let extent = Extent::of_query(free_height(&self.bvh, position, normal));
+            OrientedPoint { extent, ..OrientedPoint::new(position, normal, region) }
+        };
         points.iter().zip(regions).map(query).collect()
     }
 }

@@ -118,10 +118,11 @@ fn light_at(
         let lights = DirectLight::new(lit.scene, options);
         direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
     })?;
-    let gathered: Vec<usize> =
-        (0..points.len()).filter(|&i| final_gather.is_some() || !placed[i].is_on_surface).collect();
     let indirect = run.stage("indirect light of points", |_| {
-        let (mut indirect, _) = lit.field.indirect_at(&lit.basis, points);
+        let (mut indirect, unseen) = lit.field.indirect_at(&lit.basis, points);
+        let must_gather =
+            |i: &usize| final_gather.is_some() || !placed[*i].is_on_surface || unseen.binary_search(i).is_ok();
+        let gathered: Vec<usize> = (0..points.len()).filter(must_gather).collect();
         let receivers: Vec<OrientedPoint> = gathered.iter().map(|&i| points[i]).collect();
         let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
         let options = FinalGatherOptions {

@@ -120,17 +120,17 @@ fn enter(run: &mut Run<'_>, file: &SolutionFile, basis: &ShepardBasis, scale: f6
     }
 }
 
-/// Numbers of an extent in a file: below, above, and the inverse depths.
-const EXTENT_FLOATS: usize = 2 + N_SECTORS;
+/// Numbers of an extent in a file: below, above, the height of the sight, and the inverse depths.
+const EXTENT_FLOATS: usize = 3 + N_SECTORS;
 
 fn extent_to_floats(extent: &Extent) -> Vec<f32> {
-    [&[extent.below, extent.above][..], &extent.inverse_depths].concat()
+    [&[extent.below, extent.above, extent.sight_height][..], &extent.inverse_depths].concat()
 }
 
 fn extent_from_floats(floats: &[f32]) -> Extent {
     let mut inverse_depths = [0.0; N_SECTORS];
-    inverse_depths.copy_from_slice(&floats[2..]);
-    Extent { below: floats[0], above: floats[1], inverse_depths }
+    inverse_depths.copy_from_slice(&floats[3..]);
+    Extent { below: floats[0], above: floats[1], sight_height: floats[2], inverse_depths }
 }
 
 type ReadLevel = (PointLevel, Vec<Rgb>, Vec<Rgb>);
@@ -160,8 +160,12 @@ fn read_level(
     }
     let extents: Vec<Extent> = extent.chunks_exact(EXTENT_FLOATS).map(extent_from_floats).collect();
     // Heights are infinite where nothing is above or below.
-    let is_good =
-        |e: &Extent| e.below > 0.0 && e.above > 0.0 && e.inverse_depths.iter().all(|d| *d >= 0.0 && d.is_finite());
+    let is_good = |e: &Extent| {
+        e.below > 0.0
+            && e.above > 0.0
+            && e.sight_height >= 0.0
+            && e.inverse_depths.iter().all(|d| *d >= 0.0 && d.is_finite())
+    };
     if let Some(bad) = extents.iter().position(|e| !is_good(e)) {
         return Err(refuse(format!("level {l}: extent {bad} is {:?}; expected lengths above 0", extents[bad])));
     }

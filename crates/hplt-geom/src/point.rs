@@ -28,13 +28,27 @@ pub struct Extent {
     pub below: f32,
     /// How far it reaches along the normal; positive.
     pub above: f32,
+    /// How high above the surface the rays in the tangent plane ran; what is nearer to the surface than that they have not
+    /// seen. 0 where there were none.
+    pub sight_height: f32,
     /// One over the distance to what the ray along each sector direction meets; 0 where that is nothing.
     pub inverse_depths: [f32; N_SECTORS],
 }
 
 impl Extent {
     /// Everywhere.
-    pub const OPEN: Self = Self { below: f32::INFINITY, above: f32::INFINITY, inverse_depths: [0.0; N_SECTORS] };
+    pub const OPEN: Self =
+        Self { below: f32::INFINITY, above: f32::INFINITY, sight_height: 0.0, inverse_depths: [0.0; N_SECTORS] };
+
+    /// That of a query with free air up to `height` above it, along its normal.
+    pub const fn of_query(height: f32) -> Self {
+        Self { above: 0.5 * height, ..Self::OPEN }
+    }
+
+    /// The height of the free air above the point, along its normal.
+    pub fn free_height(&self) -> f32 {
+        2.0 * self.above
+    }
 
     /// The directions of the sectors around a unit `normal`.
     pub fn sector_directions(normal: Vec3) -> [Vec3; N_SECTORS] {
@@ -75,7 +89,7 @@ impl Extent {
     }
 }
 
-/// A point on one side of the surface. 72 bytes, scene space.
+/// A point on one side of the surface. 76 bytes, scene space.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct OrientedPoint {
@@ -87,7 +101,7 @@ pub struct OrientedPoint {
     pub region: RegionId,
     /// The area of surface that the point stands for, scene units squared; 0 where that has no meaning.
     pub area: f32,
-    /// The surface around that is the point's own; of no meaning for a query.
+    /// The surface around that is the point's own; of a query, only the free height counts, and open stands for not known.
     pub extent: Extent,
 }
 
@@ -102,11 +116,13 @@ impl OrientedPoint {
         Self { area, ..self }
     }
 
-    /// Whether `other` is in the same region, on the same side and within the extent of this point.
+    /// Whether `other` is in the same region, on the same side and within the extent of this point, and not below something
+    /// that the sight of this point passes over.
     #[inline]
     pub fn is_continued_at(&self, other: &Self) -> bool {
         self.region == other.region
             && self.normal.dot(other.normal) > 0.0
+            && other.extent.free_height() >= self.extent.sight_height
             && self.extent.contains(other.position - self.position, self.normal)
     }
 }

@@ -1,9 +1,9 @@
-use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, RegionId, Scene, parallel};
+use hplt_geom::{Extent, Interrupted, OrientedPoint, Progress, RayCaster, RegionId, Scene, parallel};
 
 use crate::Regions;
 use crate::random::{Stage, Stream};
 use crate::surface::{Side, SidePoint, SideSampler, point_on, sides_of_small_components};
-use crate::visibility::Oriented;
+use crate::visibility::{Oriented, free_height};
 
 /// Candidates drawn by one task.
 const CHUNK: usize = 512;
@@ -204,6 +204,9 @@ impl Source<'_> {
         let SidePoint { position, normal, .. } = *point;
         let region = self.regions.locate_one(scene, caster, Oriented { position, normal });
         let is_reachable = region != RegionId::DARK && point.is_exposed(caster);
-        is_reachable.then_some(OrientedPoint::new(position, normal, region))
+        is_reachable.then(|| {
+            let extent = Extent::of_query(free_height(caster, position, normal));
+            OrientedPoint { extent, ..OrientedPoint::new(position, normal, region) }
+        })
     }
 }

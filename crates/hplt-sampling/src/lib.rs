@@ -36,3 +36,4 @@ pub use options::{HierarchyOptions, Radius};
 pub use refine::refined_level;
 pub use regions::Regions;
 pub use report::{HierarchyReport, Warning};
+pub use visibility::free_height;

@@ -1,7 +1,9 @@
 //! The next finer level of a hierarchy, only where it is wanted.
 
 use glam::Vec3;
-use hplt_geom::{Interrupted, OrientedPoint, PointLevel, Progress, Ray, RayCaster, Scene, offset_origin, parallel};
+use hplt_geom::{
+    Extent, Interrupted, OrientedPoint, PointLevel, Progress, Ray, RayCaster, Scene, offset_origin, parallel,
+};
 
 use crate::morton::morton_code;
 use crate::poisson::{Level, distance_squared};
@@ -101,7 +103,9 @@ impl Around<'_> {
             return None;
         }
         let surface = self.scene.surface_at(&hit);
-        let candidate = OrientedPoint::new(surface.position, surface.normal, point.region);
+        // Free at least up to where the ray came from.
+        let extent = Extent::of_query(hit.t);
+        let candidate = OrientedPoint { extent, ..OrientedPoint::new(surface.position, surface.normal, point.region) };
         let reflects = self.scene.material(surface.triangle).reflects.includes(surface.is_front);
         let is_near = point.normal.dot(surface.normal) > MIN_COSINE
             && distance_squared(point, surface.position) < self.support * self.support;

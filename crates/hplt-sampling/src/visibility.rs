@@ -33,7 +33,13 @@ pub(crate) fn extent_of(caster: &dyn RayCaster, point: &OrientedPoint, support: 
         let hit = caster.nearest(Ray { origin, direction, t_max: reach });
         if hit.is_miss() { 0.0 } else { 1.0 / hit.t.max(CLEARANCE) }
     });
-    Extent { below, above, inverse_depths }
+    Extent { below, above, sight_height: lift, inverse_depths }
+}
+
+/// The height of the free air above a point, along its unit normal, scene units: for
+/// [`Extent::of_query`](hplt_geom::Extent::of_query). One ray.
+pub fn free_height(caster: &dyn RayCaster, position: Vec3, normal: Vec3) -> f32 {
+    caster.nearest(Ray::new(offset_origin(position, normal), normal)).t.max(2.0 * CLEARANCE)
 }
 
 /// Whether light can go from just above `a` to just above `b` by way of a point above their middle, `slope` times their
