@@ -59,12 +59,15 @@ impl Footprint {
     }
 }
 
+/// Cosine between normals below which one side of a sheet is the back of the other.
+const BEHIND: f32 = -0.5;
+
 /// What a function must share with a query.
 #[derive(Debug, Clone, Copy)]
 enum Nearness {
     InSight,
     SameSide,
-    SameRegion,
+    NotBehind,
 }
 
 /// The Shepard bases of all levels of a hierarchy, with a kd-tree per level and the parents of every function.
@@ -165,16 +168,18 @@ impl ShepardBasis {
     }
 
     /// The nearest function of `level` in the region of `query`, exactly: one within sight if there is any, else one on its
-    /// side, else any.
+    /// side, else one that does not face the other
+    /// way.
     pub fn nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
-        let mut found = [Nearness::InSight, Nearness::SameSide, Nearness::SameRegion].into_iter();
+        let mut found = [Nearness::InSight, Nearness::SameSide, Nearness::NotBehind].into_iter();
         found.find_map(|nearness| self.nearest_as(level, query, nearness))
     }
 
     /// Level and index of the nearest function of the finest of `n_levels` levels that has one in the region of `query`: within
-    /// sight on any level rather than on its side, on its side rather than any.
+    /// sight on any level rather than on its side, on its side rather than one that does not
+    /// face the other way.
     pub(crate) fn nearest_on_any_level(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
-        [Nearness::InSight, Nearness::SameSide, Nearness::SameRegion].into_iter().find_map(|nearness| {
+        [Nearness::InSight, Nearness::SameSide, Nearness::NotBehind].into_iter().find_map(|nearness| {
             (0..n_levels).rev().find_map(|level| Some((level, self.nearest_as(level, query, nearness)?)))
         })
     }
@@ -184,7 +189,7 @@ impl ShepardBasis {
         let accept = |p: &OrientedPoint| match nearness {
             Nearness::InSight => p.is_continued_at(query),
             Nearness::SameSide => p.region == query.region && p.normal.dot(query.normal) > 0.0,
-            Nearness::SameRegion => p.region == query.region,
+            Nearness::NotBehind => p.region == query.region && p.normal.dot(query.normal) > BEHIND,
         };
         let found = self.trees[level].nearest(query.position, f32::INFINITY, |id| accept(&points[id as usize]));
         found.map(|(id, _)| id)

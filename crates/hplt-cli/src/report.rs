@@ -208,6 +208,10 @@ impl RunReport {
             sweeps: report.solve.sweeps,
             residuals: report.solve.residual_history.clone(),
         });
+        let unrefined: u64 = report.levels.iter().rev().skip(1).map(|l| l.functions - l.refined).sum();
+        if unrefined > 0 {
+            self.left_out.push(format!("finer functions around {}: no detail there", human_count(unrefined)));
+        }
         self.enter_memory("links", report.memory);
     }
 
