@@ -227,7 +227,7 @@ impl RunReport {
     }
 
     fn time_of(&self, stage: &str) -> f64 {
-        self.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).sum()
+        self.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).fold(0.0, |a, b| a + b)
     }
 
     /// Says the summary on stderr; with `is_verbose` everything.

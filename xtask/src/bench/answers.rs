@@ -17,8 +17,10 @@ pub struct RunAnswer {
     pub stages: Vec<Stage>,
     /// Levels, coarsest first.
     pub levels: Vec<Level>,
-    /// Bounces in order.
+    /// Bounces in order. What links gathered once for all of them counts as one.
     pub bounces: Vec<Bounce>,
+    /// Links, where all bounces were solved at once.
+    pub links: Option<Links>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// Figures of single commands.
@@ -55,6 +57,23 @@ pub struct Bounce {
     pub uncovered: u64,
     /// Time.
     pub seconds: f64,
+}
+
+/// What linking did.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Links {
+    /// Functions and how many of them were refined, per level.
+    pub levels: Vec<[u64; 2]>,
+    /// Seconds per level.
+    pub seconds: Vec<f64>,
+    /// Gather rays.
+    pub rays: u64,
+    /// Rays that left the scene.
+    pub escaped: u64,
+    /// Hits without a function.
+    pub uncovered: u64,
+    /// Products with the operator in the last solve.
+    pub sweeps: usize,
 }
 
 /// Figures of `hplt reference`.
@@ -100,12 +119,30 @@ impl RunAnswer {
     /// # Errors
     /// When a figure is missing.
     pub fn parse(document: &Value) -> Result<Self> {
-        serde_json::from_value(document.clone()).context("the report of hplt lacks a figure")
+        let mut answer: Self = serde_json::from_value(document.clone()).context("the report of hplt lacks a figure")?;
+        if let Some(links) = &answer.links {
+            answer.bounces.push(Bounce {
+                integrals: links.levels.iter().map(|[functions, _]| *functions).collect(),
+                rays: links.rays,
+                escaped: links.escaped,
+                uncovered: links.uncovered,
+                seconds: links.seconds.iter().sum(),
+            });
+        }
+        Ok(answer)
+    }
+
+    /// Bounces, or sweeps of the solver over links.
+    pub fn rounds(&self) -> String {
+        match &self.links {
+            Some(links) => format!("{} sweeps", links.sweeps),
+            None => format!("{} bounces", self.bounces.len()),
+        }
     }
 
     /// Time of all stages of a name.
     pub fn seconds_of(&self, stage: &str) -> f64 {
-        self.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).sum()
+        self.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).fold(0.0, |a, b| a + b)
     }
 
     /// Gathers of all bounces.
@@ -174,6 +211,16 @@ pub mod tests {
         document.as_object_mut().unwrap().remove("bounces");
         assert!(RunAnswer::parse(&document).is_err());
         assert!(RunAnswer::parse(&json!({ "error": { "code": "USAGE" } })).is_err());
+    }
+
+    #[test]
+    fn links_count_as_one_bounce_that_gathers_every_function() {
+        let mut document = report();
+        document["bounces"] = json!([]);
+        document["links"] = json!({ "levels": [[200, 200], [800, 0]], "seconds": [0.5, 0.25], "rays": 64_000, "escaped": 3,
+            "uncovered": 1, "sweeps": 9, "links": 5000 });
+        let answer = RunAnswer::parse(&document).unwrap();
+        assert_eq!((answer.integrals(), answer.rays(), answer.rounds().as_str()), (1000, 64_000, "9 sweeps"));
     }
 
     #[test]

@@ -63,7 +63,7 @@ pub struct Measured {
     pub lit: LitError,
 }
 
-/// V3, `--preset production`.
+/// Links, `--preset production`.
 #[derive(Debug, Serialize)]
 pub struct Production {
     /// Interpolated.
@@ -78,8 +78,8 @@ pub struct Production {
     pub interpolation_seconds: f64,
     /// Seconds to gather at all points.
     pub gather_seconds: f64,
-    /// Bounces.
-    pub bounces: usize,
+    /// Bounces, or sweeps.
+    pub rounds: String,
     /// Why they ended.
     pub stop: String,
     /// Gathers.
@@ -124,7 +124,7 @@ pub struct StageSeconds {
     pub hierarchy: f64,
     /// Direct light.
     pub direct: f64,
-    /// Bounces.
+    /// Bounces, or sweeps.
     pub transport: f64,
 }
 
@@ -135,7 +135,7 @@ impl StageSeconds {
             bvh: answer.seconds_of("bvh"),
             hierarchy: answer.seconds_of("points") + answer.seconds_of("basis"),
             direct: answer.seconds_of("direct light"),
-            transport: answer.seconds_of("bounces"),
+            transport: answer.seconds_of("bounces") + answer.seconds_of("links"),
         }
     }
 
@@ -195,7 +195,7 @@ impl Bench<'_> {
                 stages,
                 interpolation_seconds,
                 gather_seconds,
-                bounces: solved.bounces.len(),
+                rounds: solved.rounds(),
                 stop: solved.stop.clone(),
                 integrals: solved.integrals(),
                 rays: solved.rays(),

@@ -32,14 +32,14 @@ impl Report {
         }
         let _ = write!(
             out,
-            "\n## Error of total irradiance, `--preset production` (V3)\n\n{}\n{ERROR_NOTE}\n",
+            "\n## Error of total irradiance, `--preset production` (links)\n\n{}\n{ERROR_NOTE}\n",
             table(&ERROR_HEAD, &self.error_rows())
         );
         let columns = |first: &str| -> Vec<String> {
             std::iter::once(first.to_owned()).chain(self.rows.iter().map(|r| r.title.clone())).collect()
         };
         let stages = table(&columns(""), &transposed(&self.rows.iter().map(production_column).collect::<Vec<_>>()));
-        let _ = write!(out, "\n## The solve of V3, stage by stage\n\n{stages}\n{STAGE_NOTE}\n");
+        let _ = write!(out, "\n## The solve, stage by stage\n\n{stages}\n{STAGE_NOTE}\n");
         if self.rows.iter().any(|r| r.slides.is_some()) {
             let slides = table(&SLIDES_HEAD, &self.slides_rows(published));
             let _ = write!(out, "\n## The original variant, `--preset slides` (V1)\n\n{slides}\n{SLIDES_NOTE}\n");
@@ -149,7 +149,7 @@ fn production_column(row: &Row) -> Vec<(&'static str, String)> {
         ("solve", spread(&p.runs)),
         ("processor time, all in", p.processor_seconds.map_or("unknown".into(), seconds)),
         ("mean error: interpolated / best", format!("{} / {}", percent(p.interpolated.all.mean), percent(best))),
-        ("bounces", format!("{} ({})", p.bounces, p.stop)),
+        ("bounces, or sweeps", format!("{} ({})", p.rounds, p.stop)),
         ("integrals", count(p.integrals)),
         ("rays", count(p.rays)),
         ("rays per second", count(p.rays_per_second as u64)),
@@ -250,7 +250,7 @@ mod tests {
                 stages: StageSeconds { transport: 4.0, ..StageSeconds::default() },
                 interpolation_seconds: 0.25,
                 gather_seconds: 3.0,
-                bounces: 7,
+                rounds: "7 bounces".into(),
                 stop: "converged".into(),
                 integrals: 12_345,
                 rays: 3_000_000,
