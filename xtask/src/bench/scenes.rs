@@ -93,7 +93,7 @@ pub const CASES: [Case; 3] = [
             transport: "743 s",
         },
         slides_threshold: "0.15",
-        reference_error: 0.01,
+        reference_error: 0.008,
         quick_reference_error: 0.02,
         file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "" }),
         builtin: "gen:colonnade",
