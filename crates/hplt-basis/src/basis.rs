@@ -224,6 +224,21 @@ impl ShepardBasis {
         self.hierarchy.levels[..level].iter().map(|l| l.points.len() as u32).sum::<u32>() + i
     }
 
+    /// Level and index there of the function with this [flat index](Self::flat_index).
+    ///
+    /// # Panics
+    /// When there is none.
+    pub fn level_of(&self, flat_index: u32) -> (usize, u32) {
+        let mut i = flat_index;
+        for (level, of_level) in self.hierarchy.levels.iter().enumerate() {
+            match i.checked_sub(of_level.points.len() as u32) {
+                Some(rest) => i = rest,
+                None => return (level, i),
+            }
+        }
+        panic!("function {flat_index} of {}", self.hierarchy.n_points())
+    }
+
     /// Adds a finer level, which covers the surroundings of the functions of the finest level so far that `is_refined` says.
     pub fn push_level(&mut self, level: PointLevel, is_refined: Vec<bool>) {
         let finest = self.n_levels() - 1;

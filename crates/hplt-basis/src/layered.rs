@@ -146,9 +146,17 @@ impl Reconstruction<Absolute> for Layered {
         })
     }
 
-    fn support_at(&self, basis: &ShepardBasis, n_levels: usize, query: &OrientedPoint) -> f32 {
-        let finest = basis.layered_nearest(n_levels, query).map_or(0, |(level, _)| level);
-        basis.support(finest)
+    fn in_sight(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        query: &OrientedPoint,
+    ) -> Option<(Rgb, f32)> {
+        let (finest, _) = basis.layered_nearest(n_levels, query)?;
+        let mut value = [Rgb::ZERO];
+        self.reconstruct(basis, coefficients, n_levels, std::slice::from_ref(query), &mut value);
+        Some((value[0], basis.support(finest)))
     }
 }
 
@@ -167,8 +175,14 @@ impl Reconstruction<Absolute> for LayeredNearest {
         })
     }
 
-    fn support_at(&self, basis: &ShepardBasis, n_levels: usize, query: &OrientedPoint) -> f32 {
-        let finest = basis.layered_nearest(n_levels, query).map_or(0, |(level, _)| level);
-        basis.support(finest)
+    fn in_sight(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        query: &OrientedPoint,
+    ) -> Option<(Rgb, f32)> {
+        let (level, function) = basis.layered_nearest(n_levels, query)?;
+        Some((coefficients.level(level)[function as usize], basis.support(level)))
     }
 }

@@ -19,9 +19,18 @@ pub trait Reconstruction<E>: Sync {
         out: &mut [Rgb],
     ) -> Coverage;
 
-    /// The support, scene units, of the finest functions that are read at `query`.
-    fn support_at(&self, basis: &ShepardBasis, n_levels: usize, _query: &OrientedPoint) -> f32 {
-        basis.support(n_levels - 1)
+    /// The irradiance at `query`, W/m², reading the `n_levels` coarsest levels, and the support, scene units, of the finest
+    /// functions read; `None` where no function is in sight, so that the answer would be a guess.
+    fn in_sight(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<E>,
+        n_levels: usize,
+        query: &OrientedPoint,
+    ) -> Option<(Rgb, f32)> {
+        let mut value = [Rgb::ZERO];
+        let coverage = self.reconstruct(basis, coefficients, n_levels, std::slice::from_ref(query), &mut value);
+        (coverage.nearest + coverage.uncovered == 0).then(|| (value[0], basis.support(n_levels - 1)))
     }
 }
 

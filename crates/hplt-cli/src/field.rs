@@ -1,14 +1,14 @@
 //! A solved light field in either encoding, read in every way that the commands need.
 
 use hplt_basis::{
-    Absolute, ApproximateNearest, Coefficients, Coverage, Delta, ExactShepard, Layered, LayeredNearest, Reconstruction,
-    ShepardBasis, delta_from_absolute,
+    Absolute, ApproximateNearest, Coefficients, Coverage, Delta, ExactShepard, Reconstruction, delta_from_absolute,
 };
-use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb, parallel};
+use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, Rgb, parallel};
 use hplt_splat::{GBuffer, evaluate, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
 use hplt_transport::{
-    ErrorEstimate, ErrorProbe, FinalGather, FinalGatherOptions, Model, Sender, TransportOptions, TransportReport,
-    estimate_error, final_gather, transport_absolute, transport_delta,
+    ErrorEstimate, ErrorProbe, FinalGather, FinalGatherOptions, LayeredInSight, LayeredNearestInSight, Model,
+    ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error, final_gather, read_in_sight,
+    transport_absolute, transport_delta,
 };
 
 use crate::exit::Failure;
@@ -29,31 +29,41 @@ pub struct Encoded<E> {
     /// Indirect irradiance, W/m².
     pub indirect: Coefficients<E>,
     /// How gathers read it.
-    reconstruction: Box<dyn Reconstruction<E>>,
+    sender: Reader<E>,
     /// How displays and sensors read it.
-    display: Box<dyn Reconstruction<E>>,
+    display: Reader<E>,
     variant: Variant,
 }
 
-impl<E> Encoded<E> {
+/// Makes a reconstruction, which may cast rays.
+type Reader<E> = for<'a> fn(&'a dyn RayCaster) -> Box<dyn Reconstruction<E> + 'a>;
+
+impl<E> Encoded<E>
+where
+    ExactShepard: Reconstruction<E>,
+    ApproximateNearest: Reconstruction<E>,
+{
     /// A field whose finest level is everywhere.
-    fn uniform(fields: [Coefficients<E>; 2], reconstruction: Box<dyn Reconstruction<E>>, variant: Variant) -> Self
-    where
-        ExactShepard: Reconstruction<E>,
-    {
+    fn uniform(fields: [Coefficients<E>; 2], reconstruction: ReconstructionName, variant: Variant) -> Self {
         let [direct, indirect] = fields;
-        Self { direct, indirect, reconstruction, display: Box::new(ExactShepard), variant }
+        let exact: Reader<E> = |_| Box::new(ExactShepard);
+        let sender = match reconstruction {
+            ReconstructionName::Shepard => exact,
+            ReconstructionName::Nearest => |_: &dyn RayCaster| Box::new(ApproximateNearest) as _,
+        };
+        Self { direct, indirect, sender, display: exact, variant }
     }
 }
 
 impl Encoded<Absolute> {
     /// A field whose finer levels are only where they are needed.
     fn layered([direct, indirect]: [Coefficients<Absolute>; 2], reconstruction: ReconstructionName) -> Self {
-        let reconstruction: Box<dyn Reconstruction<Absolute>> = match reconstruction {
-            ReconstructionName::Shepard => Box::new(Layered),
-            ReconstructionName::Nearest => Box::new(LayeredNearest),
+        let exact: Reader<Absolute> = |caster| Box::new(LayeredInSight { caster });
+        let sender: Reader<Absolute> = match reconstruction {
+            ReconstructionName::Shepard => exact,
+            ReconstructionName::Nearest => |caster| Box::new(LayeredNearestInSight { caster }),
         };
-        Self { direct, indirect, reconstruction, display: Box::new(Layered), variant: Variant::Links }
+        Self { direct, indirect, sender, display: exact, variant: Variant::Links }
     }
 }
 
@@ -83,14 +93,14 @@ impl Field {
         match variant {
             Variant::Delta => {
                 let direct = delta_from_absolute(model.basis, &direct);
-                let reconstruction = delta_reconstruction(reconstruction);
-                let solution = transport_delta(model, &direct, &*reconstruction, oracle, options, progress)?;
+                let read = delta_reconstruction(reconstruction);
+                let solution = transport_delta(model, &direct, &*read, oracle, options, progress)?;
                 let field = Encoded::uniform([direct, solution.indirect], reconstruction, variant);
                 Ok((Self::Delta(field), solution.report))
             }
             _ => {
-                let reconstruction = absolute_reconstruction(reconstruction);
-                let solution = transport_absolute(model, &direct, &*reconstruction, oracle, options, progress)?;
+                let read = absolute_reconstruction(reconstruction);
+                let solution = transport_absolute(model, &direct, &*read, oracle, options, progress)?;
                 let field = Encoded::uniform([direct, solution.indirect], reconstruction, variant);
                 Ok((Self::Absolute(field), solution.report))
             }
@@ -115,11 +125,11 @@ impl Field {
         match variant {
             Variant::Delta => {
                 let fields = [direct, indirect].map(Coefficients::from_levels);
-                Self::Delta(Encoded::uniform(fields, delta_reconstruction(reconstruction), variant))
+                Self::Delta(Encoded::uniform(fields, reconstruction, variant))
             }
             Variant::Absolute => {
                 let fields = [direct, indirect].map(Coefficients::from_levels);
-                Self::Absolute(Encoded::uniform(fields, absolute_reconstruction(reconstruction), variant))
+                Self::Absolute(Encoded::uniform(fields, reconstruction, variant))
             }
             Variant::Links => {
                 Self::Absolute(Encoded::layered([direct, indirect].map(Coefficients::from_levels), reconstruction))
@@ -149,13 +159,14 @@ impl Field {
     }
 
     /// Direct irradiance at points, interpolated: coarse, but at once.
-    pub fn direct_at(&self, basis: &ShepardBasis, points: &[OrientedPoint]) -> Vec<Rgb> {
-        either!(self, f => interpolate(basis, &f.direct, &*f.reconstruction, points).0)
+    pub fn direct_at(&self, model: &Model<'_>, points: &[OrientedPoint]) -> Vec<Rgb> {
+        let readings = either!(self, f => f.read(model, &f.direct, points));
+        readings.iter().map(|reading| reading.irradiance).collect()
     }
 
-    /// Indirect irradiance at points by the exact expansion, and the indices of those that no function is in sight of.
-    pub fn indirect_at(&self, basis: &ShepardBasis, points: &[OrientedPoint]) -> (Vec<Rgb>, Vec<usize>) {
-        either!(self, f => interpolate(basis, &f.indirect, &*f.display, points))
+    /// Indirect irradiance at points, interpolated, and how far that can be trusted.
+    pub fn indirect_at(&self, model: &Model<'_>, points: &[OrientedPoint]) -> Vec<Reading> {
+        either!(self, f => f.read(model, &f.indirect, points))
     }
 
     /// Indirect irradiance at points through one more gather.
@@ -171,7 +182,7 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<Vec<FinalGather>, Interrupted> {
         either!(self, f => {
-            let reconstruction = &*f.reconstruction;
+            let reconstruction = &*(f.sender)(model.caster);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
             final_gather(model, &sender, points, options, progress)
         })
@@ -189,9 +200,9 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<ErrorEstimate, Interrupted> {
         either!(self, f => {
-            let reconstruction = &*f.reconstruction;
+            let (reconstruction, display) = (&*(f.sender)(model.caster), &*(f.display)(model.caster));
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
-            estimate_error(model, &sender, &f.indirect, &*f.display, probe, progress)
+            estimate_error(model, &sender, &f.indirect, display, probe, progress)
         })
     }
 
@@ -201,11 +212,12 @@ impl Field {
     /// When interrupted.
     pub fn show(
         &self,
-        basis: &ShepardBasis,
+        model: &Model<'_>,
         display: Display,
         gbuffer: &GBuffer,
         progress: &dyn Progress,
     ) -> Result<(Vec<Rgb>, Coverage), Interrupted> {
+        let basis = model.basis;
         // Functions that end where others take over cannot be splatted one by one.
         let display = if self.variant() == Variant::Links { Display::Evaluate } else { display };
         let splatted = match (display, self) {
@@ -219,8 +231,8 @@ impl Field {
                 let threshold = 1e-5 * f.indirect.max_abs();
                 splat_flattened(basis, &flatten_absolute(basis, &f.indirect, threshold), gbuffer, progress)?
             }
-            (_, Self::Delta(f)) => return evaluate(basis, &f.indirect, &*f.display, gbuffer, progress),
-            (_, Self::Absolute(f)) => return evaluate(basis, &f.indirect, &*f.display, gbuffer, progress),
+            (_, Self::Delta(f)) => return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress),
+            (_, Self::Absolute(f)) => return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress),
         };
         Ok((splatted.irradiance, splatted.report.coverage))
     }
@@ -240,37 +252,40 @@ fn absolute_reconstruction(name: ReconstructionName) -> Box<dyn Reconstruction<A
     }
 }
 
-/// The field at points on all levels, in parallel, in order; and the indices of points that no function is in sight of, whose
-/// values are those of the nearest.
-fn interpolate<E: Sync>(
-    basis: &ShepardBasis,
-    coefficients: &Coefficients<E>,
-    reconstruction: &dyn Reconstruction<E>,
-    points: &[OrientedPoint],
-) -> (Vec<Rgb>, Vec<usize>) {
-    const CHUNK: usize = 256;
-    let read = |points: &[OrientedPoint], out: &mut [Rgb]| {
-        let coverage = reconstruction.reconstruct(basis, coefficients, basis.n_levels(), points, out);
-        coverage.nearest + coverage.uncovered == 0
-    };
-    let chunks: Vec<&[OrientedPoint]> = points.chunks(CHUNK).collect();
-    let parts = parallel::map(
-        chunks.len(),
-        || (),
-        |(), i| {
-            let mut out = vec![Rgb::ZERO; chunks[i].len()];
-            if read(chunks[i], &mut out) {
-                return (out, Vec::new());
-            }
-            let is_unseen = |&k: &usize| !read(&chunks[i][k..=k], &mut [Rgb::ZERO]);
-            let unseen: Vec<usize> = (0..chunks[i].len()).filter(is_unseen).map(|k| i * CHUNK + k).collect();
-            (out, unseen)
-        },
-    );
-    let (mut values, mut unseen) = (Vec::with_capacity(points.len()), Vec::new());
-    for (part, of_part) in parts {
-        values.extend(part);
-        unseen.extend(of_part);
+trait Read<E> {
+    fn read(&self, model: &Model<'_>, coefficients: &Coefficients<E>, points: &[OrientedPoint]) -> Vec<Reading>;
+}
+
+impl Read<Delta> for Encoded<Delta> {
+    fn read(&self, model: &Model<'_>, coefficients: &Coefficients<Delta>, points: &[OrientedPoint]) -> Vec<Reading> {
+        interpolate(model, coefficients, self.display, points)
     }
-    (values, unseen)
+}
+
+impl Read<Absolute> for Encoded<Absolute> {
+    fn read(&self, model: &Model<'_>, coefficients: &Coefficients<Absolute>, points: &[OrientedPoint]) -> Vec<Reading> {
+        if self.variant != Variant::Links {
+            return interpolate(model, coefficients, self.display, points);
+        }
+        parallel::map(points.len(), ReadBuffers::default, |buffers, i| {
+            read_in_sight(model, coefficients, &points[i], buffers)
+        })
+    }
+}
+
+/// The field at points on all levels, in parallel, in order. Trusted wherever a function is in sight.
+fn interpolate<E: Sync>(
+    model: &Model<'_>,
+    coefficients: &Coefficients<E>,
+    reader: Reader<E>,
+    points: &[OrientedPoint],
+) -> Vec<Reading> {
+    let n_levels = model.basis.n_levels();
+    parallel::map(points.len(), || reader(model.caster), |reconstruction, i| {
+        let mut value = [Rgb::ZERO];
+        let point = std::slice::from_ref(&points[i]);
+        let coverage = reconstruction.reconstruct(model.basis, coefficients, n_levels, point, &mut value);
+        let is_seen = coverage.nearest + coverage.uncovered == 0;
+        Reading { irradiance: value[0], spread: if is_seen { 0.0 } else { f32::INFINITY } }
+    })
 }

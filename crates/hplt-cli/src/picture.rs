@@ -59,7 +59,7 @@ pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Re
 fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Progress) -> Result<Vec<Rgb>, Failure> {
     let queries = gbuffer.queries();
     if lit.is_cut_short {
-        return Ok(lit.field.direct_at(&lit.basis, &queries));
+        return Ok(lit.field.direct_at(&lit.model(), &queries));
     }
     // The samples of a pixel share the work.
     let per_pixel = gbuffer.samples_per_pixel().next_power_of_two() as u32;
@@ -94,7 +94,7 @@ fn shade_indirect(
         let gathered = lit.field.gather(&lit.model(), levels, &gbuffer.queries(), options, progress)?;
         return Ok(gathered.iter().map(|g| g.irradiance).collect());
     }
-    Ok(lit.field.show(&lit.basis, settings.display, gbuffer, progress)?.0)
+    Ok(lit.field.show(&lit.model(), settings.display, gbuffer, progress)?.0)
 }
 
 fn splat_failure(error: hplt_splat::Error) -> Failure {

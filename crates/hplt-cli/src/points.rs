@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use hplt_geom::radiometry::luminance;
 use hplt_geom::{OrientedPoint, Progress, RegionId, Rgb};
 use hplt_io::{IrradianceRow, Limits, SensorPoint, read_points_csv, write_irradiance_csv, write_irradiance_rows};
 use hplt_sampling::random::Stage;
-use hplt_transport::{DirectLight, DirectOptions, FinalGatherOptions, direct_irradiance};
+use hplt_transport::{DirectLight, DirectOptions, FinalGatherOptions, Reading, direct_irradiance};
 
 use crate::args::PointsArgs;
 use crate::exit::{Exit, Failure};
@@ -20,6 +21,8 @@ use crate::solution;
 
 /// Rays of points in the air, when no final gather is asked for.
 const AIR_RAYS: u32 = 1024;
+/// Spread of the functions over the total irradiance, above which a point is gathered.
+const DOUBT: f32 = 0.3;
 
 /// Lights a scene and writes the irradiance at given points.
 ///
@@ -107,9 +110,9 @@ fn light_at(
     final_gather: Option<u32>,
 ) -> Result<Vec<[Rgb; 2]>, Failure> {
     if lit.is_cut_short {
-        let direct = lit.field.direct_at(&lit.basis, points);
-        let (indirect, _) = lit.field.indirect_at(&lit.basis, points);
-        return Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i]).collect());
+        let direct = lit.field.direct_at(&lit.model(), points);
+        let indirect = lit.field.indirect_at(&lit.model(), points);
+        return Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i.irradiance]).collect());
     }
     let transport = &run.settings.transport;
     let progress: &dyn Progress = run.reporter;
@@ -119,10 +122,11 @@ fn light_at(
         direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
     })?;
     let indirect = run.stage("indirect light of points", |_| {
-        let (mut indirect, unseen) = lit.field.indirect_at(&lit.basis, points);
-        let must_gather =
-            |i: &usize| final_gather.is_some() || !placed[*i].is_on_surface || unseen.binary_search(i).is_ok();
+        let readings = lit.field.indirect_at(&lit.model(), points);
+        let doubtful = doubtful(&direct, &readings);
+        let must_gather = |i: &usize| final_gather.is_some() || !placed[*i].is_on_surface || doubtful[*i];
         let gathered: Vec<usize> = (0..points.len()).filter(must_gather).collect();
+        let mut indirect: Vec<Rgb> = readings.iter().map(|reading| reading.irradiance).collect();
         let receivers: Vec<OrientedPoint> = gathered.iter().map(|&i| points[i]).collect();
         let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
         let options = FinalGatherOptions {
@@ -137,6 +141,18 @@ fn light_at(
         Ok::<_, Failure>(indirect)
     })?;
     Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i]).collect())
+}
+
+/// Whether interpolation cannot be trusted at each point: the functions around differ by much of the total irradiance, or by much of
+/// a hundredth of its mean where that is more.
+fn doubtful(direct: &[Rgb], readings: &[Reading]) -> Vec<bool> {
+    let totals: Vec<f32> = direct.iter().zip(readings).map(|(d, r)| luminance(*d + r.irradiance)).collect();
+    let mean = totals.iter().map(|&t| f64::from(t)).sum::<f64>() / totals.len().max(1) as f64;
+    let floor = (0.01 * mean) as f32;
+    let tol = std::env::var("HPLT_DOUBT").map_or(DOUBT, |v| v.parse().unwrap());
+    let d: Vec<bool> = readings.iter().zip(&totals).map(|(reading, total)| reading.is_doubtful(tol, total.max(floor))).collect();
+    eprintln!("doubtful {}", d.iter().filter(|d| **d).count());
+    d
 }
 
 fn rows(sensors: &[SensorPoint], light: &[[Rgb; 2]]) -> Vec<IrradianceRow> {

@@ -53,9 +53,9 @@ fn ply_points(lit: &Lit<'_>) -> Vec<PlyPoint> {
     let frame = lit.scene.frame();
     let area_scale = (frame.scale() * frame.scale()) as f32;
     let points = lit.basis.points(top);
-    let direct = lit.field.direct_at(&lit.basis, points);
-    let (indirect, _) = lit.field.indirect_at(&lit.basis, points);
-    let total: Vec<_> = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
+    let direct = lit.field.direct_at(&lit.model(), points);
+    let indirect = lit.field.indirect_at(&lit.model(), points);
+    let total: Vec<_> = direct.iter().zip(&indirect).map(|(d, i)| *d + i.irradiance).collect();
     let mean = total.iter().map(|e| f64::from(luminance(*e))).sum::<f64>() / total.len().max(1) as f64;
     // Twice the mean is white.
     let scale = if mean > 0.0 { (0.5 / mean) as f32 } else { 1.0 };

@@ -6,8 +6,10 @@ use hplt_geom::{Extent, OrientedPoint, Ray, RayCaster, offset_origin};
 /// Twice the least distance, scene units, by which `offset_origin` lifts a point, and more: paths stay above that.
 const CLEARANCE: f32 = 3.0 / 65_536.0;
 
-/// Height of sight lines over the support.
-const LIFT: f32 = 0.05;
+/// Height of the sight lines of a function over its support.
+pub const SIGHT_LIFT: f32 = 0.05;
+/// A step between two places on a surface that is lower than this, in supports, hides nothing.
+const FLAT: f32 = 0.02;
 /// How far sight lines go, in supports: beyond the corners of the polygon that they span.
 const SIGHT: f32 = 1.5;
 
@@ -19,14 +21,14 @@ pub(crate) struct Oriented {
 }
 
 /// The surface around a point that is its own as far as functions of support `support` can tell: ten rays. Those in the
-/// tangent plane start [`LIFT`] times the support above it, so that what is lower does not end the surface.
+/// tangent plane start [`SIGHT_LIFT`] times the support above it, so that what is lower does not end the surface.
 pub(crate) fn extent_of(caster: &dyn RayCaster, point: &OrientedPoint, support: f32) -> Extent {
     let half_free = |direction: Vec3| {
         let t = caster.nearest(Ray::new(offset_origin(point.position, direction), direction)).t;
         (0.5 * t).max(CLEARANCE)
     };
     let (below, above) = (half_free(-point.normal), half_free(point.normal));
-    let lift = (LIFT * support).min(0.5 * above);
+    let lift = (SIGHT_LIFT * support).min(0.5 * above);
     let origin = offset_origin(point.position, point.normal) + lift * point.normal;
     let reach = SIGHT * support;
     let inverse_depths = Extent::sector_directions(point.normal).map(|direction| {
@@ -40,6 +42,23 @@ pub(crate) fn extent_of(caster: &dyn RayCaster, point: &OrientedPoint, support: 
 /// [`Extent::of_query`](hplt_geom::Extent::of_query). One ray.
 pub fn free_height(caster: &dyn RayCaster, position: Vec3, normal: Vec3) -> f32 {
     caster.nearest(Ray::new(offset_origin(position, normal), normal)).t.max(2.0 * CLEARANCE)
+}
+
+/// Whether the function at `point`, of support `support`, has a say at `query`, whose free height is known as far as it matters:
+/// whether a line from just above the one to just above the other is clear. Where the surface between them is flat and the extent
+/// of the function shows nothing so near, no ray is cast.
+pub fn is_in_sight(caster: &dyn RayCaster, point: &OrientedPoint, query: &OrientedPoint, support: f32) -> bool {
+    let offset = query.position - point.position;
+    let step = offset.dot((point.normal + query.normal).normalize_or_zero()).abs();
+    let nearest = point.extent.inverse_depths.iter().fold(0.0, |largest: f32, d| largest.max(*d));
+    if step <= FLAT * support && offset.length_squared() * nearest * nearest <= 1.0 {
+        return true;
+    }
+    let lifted = |p: &OrientedPoint| {
+        let lift = (SIGHT_LIFT * support).min(0.25 * p.extent.free_height());
+        offset_origin(p.position, p.normal) + lift * p.normal
+    };
+    !caster.is_occluded(Ray::segment(lifted(query), lifted(point)))
 }
 
 /// Whether light can go from just above `a` to just above `b` by way of a point above their middle, `slope` times their

@@ -1,14 +1,9 @@
-use glam::Vec2;
-use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, offset_origin, parallel};
-use hplt_sampling::random::{Stage, Stream, unit_f32};
-use hplt_sampling::warp;
+use hplt_geom::{Interrupted, OrientedPoint, Progress, RegionId, Rgb, parallel};
+use hplt_sampling::random::Stage;
 
-use crate::gather::{Counter, GROUPS, Groups, Scratch, arrival, scramble};
-use crate::next_event::NextEvents;
+use crate::gather::{Counter, GROUPS, Groups};
+use crate::paths::{Arrival, PathBuffers, PathSink, PathTracer};
 use crate::{DirectLight, Model, Sender};
-
-/// A path that keeps meeting surface this near ends by reading the field all the same after so many segments.
-const MAX_SEGMENTS: u32 = 16;
 
 /// Indirect irradiance read through one more gather.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,7 +29,8 @@ pub struct FinalGatherOptions<'a> {
     /// Sampled wherever a ray lands.
     pub light: &'a DirectLight<'a>,
     /// Rays that meet surface nearer than this, in supports of the functions there, do not read the field, which is too coarse
-    /// to tell what happens at such a distance: they go on. 0 never, 1 usually.
+    /// to tell what happens at such a distance: they go on, as do those that meet surface which no function is in sight of. 1
+    /// usually.
     pub contact: f32,
 }
 
@@ -52,130 +48,68 @@ pub fn final_gather<E>(
 ) -> Result<Vec<FinalGather>, Interrupted> {
     let counter = Counter::new(progress, "final gather", points.len());
     let n_levels = sender.n_levels.min(model.basis.n_levels());
-    let coarsest = model.basis.coarsest_read(n_levels);
-    let farthest_contact = if n_levels == 0 { 0.0 } else { options.contact * model.basis.support(coarsest) };
-    let gathering = Gathering { model, sender, options, n_levels, farthest_contact };
-    parallel::try_map(points.len(), Buffers::default, |buffers, i| {
+    let tracer = PathTracer {
+        scene: model.scene,
+        caster: model.caster,
+        light: options.light,
+        seed: options.seed,
+        stage: options.stage,
+        n_rays: options.n_rays.max(GROUPS as u32),
+        largest_support: if n_levels == 0 { 0.0 } else { model.basis.support(model.basis.coarsest_read(n_levels)) },
+    };
+    let gathering = Gathering { model, sender, contact: options.contact, n_levels, tracer };
+    parallel::try_map(points.len(), PathBuffers::default, |buffers, i| {
         counter.step()?;
         Ok(gathering.point(&points[i], i as u32, buffers))
     })
 }
 
-#[derive(Default)]
-struct Buffers {
-    scratch: Scratch,
-    events: NextEvents,
-    direct: Vec<Rgb>,
-    /// Where paths are now: arrival, ray of the receiver, product of the albedos so far.
-    at: Vec<OrientedPoint>,
-    ray: Vec<u32>,
-    samples: Vec<Vec2>,
-    throughput: Vec<Rgb>,
-    distance: Vec<f32>,
-    rays: Vec<Ray>,
-    going_on: Vec<(u32, Rgb)>,
-    hits: Vec<Hit>,
-}
-
 struct Gathering<'a, E> {
     model: &'a Model<'a>,
     sender: &'a Sender<'a, E>,
-    options: FinalGatherOptions<'a>,
+    contact: f32,
     n_levels: usize,
-    farthest_contact: f32,
+    tracer: PathTracer<'a>,
 }
 
 impl<E> Gathering<'_, E> {
-    fn point(&self, receiver: &OrientedPoint, id: u32, buffers: &mut Buffers) -> FinalGather {
+    fn point(&self, receiver: &OrientedPoint, id: u32, buffers: &mut PathBuffers) -> FinalGather {
         if receiver.region == RegionId::DARK {
             return FinalGather { irradiance: Rgb::ZERO, noise: Rgb::ZERO, escaped: 0 };
         }
-        let n_rays = self.options.n_rays.max(GROUPS as u32);
-        let scramble = scramble(self.options.seed, self.options.stage, id);
-        buffers.scratch.trace(self.model, receiver, scramble, n_rays);
-        buffers.hits.clear();
-        buffers.hits.extend_from_slice(&buffers.scratch.hits);
-        let escaped = buffers.hits.iter().filter(|h| h.is_miss()).count() as u32;
-        buffers.going_on.clear();
-        buffers.going_on.extend((0..n_rays).map(|k| (k, Rgb::ONE)));
-        let mut groups = Groups::new(n_rays);
-        for segment in 1..=MAX_SEGMENTS {
-            self.arrive(receiver.region, buffers);
-            if buffers.at.is_empty() {
-                break;
-            }
-            self.add_direct(id, segment, buffers, &mut groups);
-            self.read_or_go_on(id, segment, buffers);
-        }
-        buffers.scratch.read_queries(self.model, self.sender, &mut groups);
-        let (irradiance, noise) = groups.mean_and_noise();
+        let mut sink = Sink { gathering: self, groups: Groups::new(self.tracer.n_rays) };
+        let escaped = self.tracer.trace(receiver, id, buffers, &mut sink);
+        let (irradiance, noise) = sink.groups.mean_and_noise();
         FinalGather { irradiance, noise, escaped }
     }
+}
 
-    /// Takes paths to what their rays hit.
-    fn arrive(&self, region: RegionId, buffers: &mut Buffers) {
-        let Buffers { at, ray, throughput, distance, going_on, hits, .. } = buffers;
-        at.clear();
-        ray.clear();
-        throughput.clear();
-        distance.clear();
-        for (&(k, before), hit) in going_on.iter().zip(hits.iter()) {
-            if hit.is_miss() {
-                continue;
-            }
-            let surface = self.model.scene.surface_at(hit);
-            let after = before * self.model.scene.albedo(&surface);
-            if after != Rgb::ZERO {
-                at.push(arrival(&surface, region));
-                ray.push(k);
-                throughput.push(after);
-                distance.push(hit.t);
-            }
-        }
+struct Sink<'a, E> {
+    gathering: &'a Gathering<'a, E>,
+    groups: Groups,
+}
+
+impl<E> PathSink for Sink<'_, E> {
+    fn add_direct(&mut self, ray: u32, irradiance: Rgb) {
+        self.groups.add(ray, irradiance);
     }
 
-    fn add_direct(&self, id: u32, segment: u32, buffers: &mut Buffers, groups: &mut Groups) {
-        let Buffers { scratch, events, direct, at, ray, samples, throughput, .. } = buffers;
-        let stream = Stream::new(self.options.seed, self.options.stage);
-        samples.clear();
-        samples.extend(ray.iter().map(|&k| match segment {
-            1 => scratch.second[k as usize],
-            _ => {
-                let [_, _, c, d] = stream.words(id, k, segment - 1);
-                Vec2::new(unit_f32(c), unit_f32(d))
+    fn read(&mut self, arrival: &Arrival) -> bool {
+        let Gathering { model, sender, contact, n_levels, .. } = *self.gathering;
+        let Sender { coefficients, reconstruction, .. } = *sender;
+        let found = reconstruction.in_sight(model.basis, coefficients, n_levels, &arrival.point);
+        let good = found.filter(|(_, support)| arrival.distance >= contact * support);
+        let irradiance = match good {
+            Some((irradiance, _)) => irradiance,
+            None if !arrival.is_last => return false,
+            None => {
+                let mut last = [Rgb::ZERO];
+                let query = std::slice::from_ref(&arrival.point);
+                reconstruction.reconstruct(model.basis, coefficients, n_levels, query, &mut last);
+                last[0]
             }
-        }));
-        self.options.light.irradiance_once(self.model.caster, at, samples, events, direct);
-        for ((direct, throughput), &k) in direct.iter().zip(throughput.iter()).zip(ray.iter()) {
-            groups.add(k, *throughput * *direct);
-        }
-    }
-
-    /// Notes where the field is to be read, and casts the next ray of paths that met surface too near for that.
-    fn read_or_go_on(&self, id: u32, segment: u32, buffers: &mut Buffers) {
-        let Buffers { scratch, at, ray, throughput, distance, rays, going_on, hits, .. } = buffers;
-        let stream = Stream::new(self.options.seed, self.options.stage);
-        rays.clear();
-        going_on.clear();
-        for i in 0..at.len() {
-            if segment == MAX_SEGMENTS || !self.is_contact(&at[i], distance[i]) {
-                scratch.push_query(ray[i], throughput[i], at[i]);
-                continue;
-            }
-            let [a, b, ..] = stream.words(id, ray[i], segment);
-            let direction = warp::cosine_hemisphere(Vec2::new(unit_f32(a), unit_f32(b)), at[i].normal);
-            rays.push(Ray::new(offset_origin(at[i].position, at[i].normal), direction));
-            going_on.push((ray[i], throughput[i]));
-        }
-        hits.clear();
-        hits.resize(rays.len(), Hit::MISS);
-        self.model.caster.trace_nearest(rays, hits);
-    }
-
-    fn is_contact(&self, at: &OrientedPoint, distance: f32) -> bool {
-        distance < self.farthest_contact && {
-            let support = self.sender.reconstruction.support_at(self.model.basis, self.n_levels, at);
-            distance < self.options.contact * support
-        }
+        };
+        self.groups.add(arrival.ray, arrival.throughput * irradiance);
+        true
     }
 }

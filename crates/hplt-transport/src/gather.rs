@@ -2,7 +2,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec2};
 use hplt_basis::{Coefficients, Coverage, Reconstruction, ShepardBasis};
-use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RegionId, Rgb, SurfacePoint, offset_origin};
+use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, SurfacePoint, offset_origin};
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
 
@@ -56,7 +56,7 @@ pub(crate) struct Scratch {
 
 impl Scratch {
     /// Traces `n_rays` cosine-distributed rays from `receiver`: hash-Owen-scrambled Sobol points, scrambled by receiver.
-    pub fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
+    pub fn trace(&mut self, caster: &dyn RayCaster, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
         let origin = offset_origin(receiver.position, receiver.normal);
         self.rays.clear();
         self.second.clear();
@@ -68,7 +68,7 @@ impl Scratch {
         }
         self.hits.clear();
         self.hits.resize(self.rays.len(), Hit::MISS);
-        model.caster.trace_nearest(&self.rays, &mut self.hits);
+        caster.trace_nearest(&self.rays, &mut self.hits);
         self.queries.clear();
         self.weights.clear();
         self.ray_of_query.clear();
@@ -102,7 +102,7 @@ pub(crate) fn gather<E>(
     n_rays: u32,
     scratch: &mut Scratch,
 ) -> Gathered {
-    scratch.trace(model, receiver, scramble, n_rays);
+    scratch.trace(model.caster, receiver, scramble, n_rays);
     let mut result = Gathered::default();
     let mut row_sum = DVec3::ZERO;
     for k in 0..scratch.hits.len() {

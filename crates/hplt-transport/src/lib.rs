@@ -32,7 +32,9 @@ mod next_event;
 mod operator;
 mod options;
 mod oracle;
+mod paths;
 mod report;
+mod sight;
 mod sky;
 mod solve;
 mod sparse;
@@ -49,6 +51,7 @@ pub use operator::LinearOperator;
 pub use options::{Model, TransportOptions};
 pub use oracle::{Detail, Oracle, Threshold};
 pub use report::{BounceReport, Solution, StopReason, TransportReport};
+pub use sight::{LayeredInSight, LayeredNearestInSight, ReadBuffers, Reading, read_in_sight};
 pub use solve::{
     ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, Unknowns, solve, solve_many, solve_with_gain,
 };

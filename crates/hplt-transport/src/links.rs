@@ -1,4 +1,4 @@
-use glam::{DVec3, Vec2};
+use glam::DVec3;
 use hplt_basis::{
     Absolute, BasisOptions, Coefficients, Coverage, Layered, LayeredScratch, Reconstruction, ShepardBasis, Weight,
 };
@@ -6,10 +6,11 @@ use hplt_geom::{Interrupted, OrientedPoint, PointHierarchy, Progress, RayCaster,
 use hplt_sampling::random::Stage;
 use hplt_sampling::refined_level;
 
-use crate::gather::{Counter, Groups, Scratch, arrival, scramble};
-use crate::next_event::NextEvents;
+use crate::gather::{Counter, Groups};
+use crate::paths::{Arrival, PathBuffers, PathSink, PathTracer};
+use crate::sight::nearest_in_sight;
 use crate::solve::{SolveOptions, SolveReport, Unknowns, solve};
-use crate::{Detail, DirectLight, Error, Model, Oracle, SparseRows, Threshold, direct_irradiance};
+use crate::{Detail, DirectLight, Error, Oracle, SparseRows, Threshold, direct_irradiance};
 
 /// What a link holds of the function that a ray met.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -133,7 +134,7 @@ pub struct LinkedLevel {
 ///
 /// The unknowns `f` are the *indirect* irradiance at the functions. Direct light is sampled where rays land, so that no function
 /// has to resolve a shadow edge, and what is left is smooth. Every receiver's rays are traced once and kept as a row of `G`.
-/// Level after level: place functions around those that `options.threshold` refines, gather, link, solve. The coarsest level
+/// A ray that meets surface which no function is in sight of goes on to the next. Level after level: place functions around those that `options.threshold` refines, gather, link, solve. The coarsest level
 /// of `hierarchy` is where it begins; finer ones of it are not read.
 ///
 /// # Errors
@@ -212,13 +213,7 @@ struct Row {
 
 #[derive(Default)]
 struct LinkScratch {
-    trace: Scratch,
-    queries: Vec<OrientedPoint>,
-    samples: Vec<Vec2>,
-    ray: Vec<u32>,
-    albedos: Vec<Rgb>,
-    direct: Vec<Rgb>,
-    events: NextEvents,
+    paths: PathBuffers,
     row: RowAccumulator,
     expansion: Vec<Weight>,
     layered: LayeredScratch,
@@ -322,9 +317,18 @@ impl Linker<'_> {
         let points = self.basis.points(level);
         self.state.direct.extend(direct_irradiance(self.light, self.caster, points, Stage::Direct, self.progress)?);
         let counter = Counter::new(self.progress, "links", points.len());
+        let tracer = PathTracer {
+            scene: self.scene,
+            caster: self.caster,
+            light: self.light,
+            seed: self.options.seed,
+            stage: Stage::Gather,
+            n_rays: self.options.n_rays,
+            largest_support: self.basis.support(self.basis.coarsest_read(self.basis.n_levels())),
+        };
         let rows = parallel::try_map(points.len(), LinkScratch::default, |scratch, i| {
             counter.step()?;
-            Ok::<_, Interrupted>(self.row(&points[i], first + i as u32, scratch))
+            Ok::<_, Interrupted>(self.row(&tracer, &points[i], first + i as u32, scratch))
         })?;
         for row in rows {
             self.state.rows.push(row.links);
@@ -336,68 +340,28 @@ impl Linker<'_> {
         Ok(())
     }
 
-    fn row(&self, receiver: &OrientedPoint, id: u32, scratch: &mut LinkScratch) -> Row {
-        let n_rays = self.options.n_rays;
-        let model = Model { scene: self.scene, caster: self.caster, basis: &self.basis };
-        let scramble = scramble(self.options.seed, Stage::Gather, id);
-        scratch.trace.trace(&model, receiver, scramble, n_rays);
-        scratch.queries.clear();
-        scratch.samples.clear();
-        scratch.ray.clear();
-        scratch.albedos.clear();
-        let mut escaped = 0;
-        for (k, hit) in scratch.trace.hits.iter().enumerate() {
-            if hit.is_miss() {
-                escaped += 1;
-                continue;
-            }
-            let surface = self.scene.surface_at(hit);
-            let albedo = self.scene.albedo(&surface);
-            if albedo != Rgb::ZERO {
-                scratch.queries.push(arrival(&surface, receiver.region));
-                scratch.samples.push(scratch.trace.second[k]);
-                scratch.ray.push(k as u32);
-                scratch.albedos.push(albedo);
-            }
-        }
-        let LinkScratch { queries, samples, events, direct, .. } = scratch;
-        self.light.irradiance_once(self.caster, queries, samples, events, direct);
-        let mut groups = Groups::new(n_rays);
-        let mut first_bounce = DVec3::ZERO;
-        let mut coverage = Coverage::default();
-        scratch.row.begin(self.basis.hierarchy().n_points());
-        for k in 0..scratch.queries.len() {
-            let albedo = scratch.albedos[k];
-            let direct = albedo * scratch.direct[k];
-            first_bounce += direct.as_dvec3();
-            coverage += self.expand(&scratch.queries[k], &mut scratch.expansion, &mut scratch.layered);
-            let mut indirect = Rgb::ZERO;
-            for w in &scratch.expansion {
-                scratch.row.add(w.function, albedo * (w.weight / n_rays as f32));
-                let known = self.state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
-                indirect += known * w.weight;
-            }
-            groups.add(scratch.ray[k], direct + albedo * indirect);
-        }
+    fn row(&self, tracer: &PathTracer<'_>, receiver: &OrientedPoint, id: u32, scratch: &mut LinkScratch) -> Row {
+        let LinkScratch { paths, row, expansion, layered } = scratch;
+        row.begin(self.basis.hierarchy().n_points());
+        let groups = Groups::new(tracer.n_rays);
+        let mut sink = RowSink {
+            linker: self,
+            row,
+            expansion,
+            layered,
+            groups,
+            first_bounce: DVec3::ZERO,
+            coverage: Coverage::default(),
+        };
+        let escaped = tracer.trace(receiver, id, paths, &mut sink);
+        let RowSink { groups, first_bounce, coverage, .. } = sink;
         Row {
             links: scratch.row.finish(),
-            first_bounce: (first_bounce / f64::from(n_rays)).as_vec3(),
+            first_bounce: (first_bounce / f64::from(tracer.n_rays)).as_vec3(),
             noise: groups.mean_and_noise().1,
             escaped,
             coverage,
         }
-    }
-
-    fn expand(&self, query: &OrientedPoint, expansion: &mut Vec<Weight>, scratch: &mut LayeredScratch) -> Coverage {
-        let n_levels = self.basis.n_levels();
-        if self.options.precision == LinkPrecision::Nearest
-            && let Some((level, i)) = self.basis.layered_nearest(n_levels, query)
-        {
-            expansion.clear();
-            expansion.push(Weight { function: self.basis.flat_index(level, i), weight: 1.0 });
-            return Coverage { queries: 1, ..Coverage::default() };
-        }
-        self.basis.expand(n_levels, query, expansion, scratch)
     }
 
     fn solve(&mut self) -> Result<(), Error> {
@@ -462,6 +426,49 @@ impl Linker<'_> {
             is_cut_short,
         };
         Ok(Linked { basis, direct, indirect, first_bounce: state.first_bounce, links, report })
+    }
+}
+
+/// What the paths of one receiver find becomes its row.
+struct RowSink<'a> {
+    linker: &'a Linker<'a>,
+    row: &'a mut RowAccumulator,
+    expansion: &'a mut Vec<Weight>,
+    layered: &'a mut LayeredScratch,
+    groups: Groups,
+    first_bounce: DVec3,
+    coverage: Coverage,
+}
+
+impl PathSink for RowSink<'_> {
+    fn add_direct(&mut self, ray: u32, irradiance: Rgb) {
+        self.first_bounce += irradiance.as_dvec3();
+        self.groups.add(ray, irradiance);
+    }
+
+    fn read(&mut self, arrival: &Arrival) -> bool {
+        let Linker { basis, options, state, .. } = self.linker;
+        let n_levels = basis.n_levels();
+        let good = nearest_in_sight(basis, self.linker.caster, n_levels, &arrival.point);
+        if good.is_none() && !arrival.is_last {
+            return false;
+        }
+        match good {
+            Some((level, i)) if options.precision == LinkPrecision::Nearest => {
+                self.expansion.clear();
+                self.expansion.push(Weight { function: basis.flat_index(level, i), weight: 1.0 });
+                self.coverage.queries += 1;
+            }
+            _ => self.coverage += basis.expand(n_levels, &arrival.point, self.expansion, self.layered),
+        }
+        let mut indirect = Rgb::ZERO;
+        for w in &*self.expansion {
+            self.row.add(w.function, arrival.throughput * (w.weight / options.n_rays as f32));
+            let known = state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
+            indirect += known * w.weight;
+        }
+        self.groups.add(arrival.ray, arrival.throughput * indirect);
+        true
     }
 }
 

@@ -1,0 +1,161 @@
+//! The paths of one gather: from a receiver to where the field is read.
+
+use glam::Vec2;
+use hplt_geom::{Extent, Hit, OrientedPoint, Ray, RayCaster, Rgb, Scene, SurfacePoint, offset_origin};
+use hplt_sampling::random::{Stage, Stream, unit_f32};
+use hplt_sampling::{SIGHT_LIFT, free_height, warp};
+
+use crate::DirectLight;
+use crate::gather::{Scratch, arrival, scramble};
+use crate::next_event::NextEvents;
+
+/// A path that finds nowhere to read ends by reading all the same after so many segments.
+const MAX_SEGMENTS: u32 = 16;
+
+/// How gathers trace their paths.
+pub(crate) struct PathTracer<'a> {
+    pub scene: &'a Scene,
+    pub caster: &'a dyn RayCaster,
+    /// Sampled wherever a path arrives.
+    pub light: &'a DirectLight<'a>,
+    pub seed: u64,
+    pub stage: Stage,
+    /// Rays per receiver.
+    pub n_rays: u32,
+    /// The largest support that is read, scene units. Where paths arrive lower than functions of that size see, the air above is
+    /// measured.
+    pub largest_support: f32,
+}
+
+/// Where a path is.
+#[derive(Clone, Copy)]
+pub(crate) struct Arrival {
+    /// As a query.
+    pub point: OrientedPoint,
+    /// The ray of the receiver that began it.
+    pub ray: u32,
+    /// Product of the albedos so far, here included.
+    pub throughput: Rgb,
+    /// Length of its last segment, scene units.
+    pub distance: f32,
+    /// Whether it ends here.
+    pub is_last: bool,
+}
+
+/// What becomes of the paths of a receiver.
+pub(crate) trait PathSink {
+    /// `irradiance` comes straight from lights by way of the path that began with `ray`; the albedos are in it.
+    fn add_direct(&mut self, ray: u32, irradiance: Rgb);
+
+    /// Reads the field at `arrival`, unless that is no good place to read, which must be fine for a last arrival. Returns whether
+    /// it was read; the path goes on where it was not.
+    fn read(&mut self, arrival: &Arrival) -> bool;
+}
+
+/// Buffers of one worker.
+#[derive(Default)]
+pub(crate) struct PathBuffers {
+    pub first: Scratch,
+    events: NextEvents,
+    direct: Vec<Rgb>,
+    at: Vec<Arrival>,
+    points: Vec<OrientedPoint>,
+    samples: Vec<Vec2>,
+    /// Paths under way: ray of the receiver and throughput.
+    going_on: Vec<(u32, Rgb)>,
+    rays: Vec<Ray>,
+    hits: Vec<Hit>,
+}
+
+impl PathTracer<'_> {
+    /// Traces the paths of the receiver with this `id` and returns how many of their first rays left the scene.
+    pub fn trace(
+        &self,
+        receiver: &OrientedPoint,
+        id: u32,
+        buffers: &mut PathBuffers,
+        sink: &mut impl PathSink,
+    ) -> u32 {
+        let scramble = scramble(self.seed, self.stage, id);
+        buffers.first.trace(self.caster, receiver, scramble, self.n_rays);
+        buffers.hits.clone_from(&buffers.first.hits);
+        buffers.rays.clone_from(&buffers.first.rays);
+        buffers.going_on.clear();
+        buffers.going_on.extend((0..self.n_rays).map(|k| (k, Rgb::ONE)));
+        for segment in 1..=MAX_SEGMENTS {
+            self.arrive(receiver, segment, buffers);
+            if buffers.at.is_empty() {
+                break;
+            }
+            self.add_direct(id, segment, buffers, sink);
+            self.read_or_go_on(id, segment, buffers, sink);
+        }
+        buffers.first.hits.iter().filter(|h| h.is_miss()).count() as u32
+    }
+
+    /// Takes paths to what their rays hit.
+    fn arrive(&self, receiver: &OrientedPoint, segment: u32, buffers: &mut PathBuffers) {
+        let PathBuffers { at, going_on, rays, hits, .. } = buffers;
+        at.clear();
+        for ((&(ray, before), cast), hit) in going_on.iter().zip(rays.iter()).zip(hits.iter()) {
+            if hit.is_miss() {
+                continue;
+            }
+            let surface = self.scene.surface_at(hit);
+            let throughput = before * self.scene.albedo(&surface);
+            if throughput != Rgb::ZERO {
+                let point = OrientedPoint {
+                    extent: self.extent_at(&surface, cast, hit.t),
+                    ..arrival(&surface, receiver.region)
+                };
+                at.push(Arrival { point, ray, throughput, distance: hit.t, is_last: segment == MAX_SEGMENTS });
+            }
+        }
+    }
+
+    /// The free air above an arrival: known to be enough where the path came from high above.
+    fn extent_at(&self, surface: &SurfacePoint, ray: &Ray, distance: f32) -> Extent {
+        let height = -distance * ray.direction.dot(surface.normal);
+        if height >= SIGHT_LIFT * self.largest_support {
+            return Extent::OPEN;
+        }
+        Extent::of_query(free_height(self.caster, surface.position, surface.normal))
+    }
+
+    fn add_direct(&self, id: u32, segment: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) {
+        let PathBuffers { first, events, direct, at, points, samples, .. } = buffers;
+        let stream = Stream::new(self.seed, self.stage);
+        points.clear();
+        points.extend(at.iter().map(|a| a.point));
+        samples.clear();
+        samples.extend(at.iter().map(|a| match segment {
+            1 => first.second[a.ray as usize],
+            _ => {
+                let [_, _, c, d] = stream.words(id, a.ray, segment - 1);
+                Vec2::new(unit_f32(c), unit_f32(d))
+            }
+        }));
+        self.light.irradiance_once(self.caster, points, samples, events, direct);
+        for (direct, arrival) in direct.iter().zip(at.iter()) {
+            sink.add_direct(arrival.ray, arrival.throughput * *direct);
+        }
+    }
+
+    /// Reads the field, and casts the next ray of paths that found no good place for that.
+    fn read_or_go_on(&self, id: u32, segment: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) {
+        let PathBuffers { at, rays, going_on, hits, .. } = buffers;
+        let stream = Stream::new(self.seed, self.stage);
+        rays.clear();
+        going_on.clear();
+        for arrival in at.iter().filter(|arrival| !sink.read(arrival)) {
+            let [a, b, ..] = stream.words(id, arrival.ray, segment);
+            let OrientedPoint { position, normal, .. } = arrival.point;
+            let direction = warp::cosine_hemisphere(Vec2::new(unit_f32(a), unit_f32(b)), normal);
+            rays.push(Ray::new(offset_origin(position, normal), direction));
+            going_on.push((arrival.ray, arrival.throughput));
+        }
+        hits.clear();
+        hits.resize(rays.len(), Hit::MISS);
+        self.caster.trace_nearest(rays, hits);
+    }
+}

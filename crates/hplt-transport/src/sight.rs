@@ -1,0 +1,174 @@
+//! Reading the field with rays that tell which functions have a say.
+//!
+//! What a function knows about its surroundings ([`Extent`](hplt_geom::Extent)) is what eight rays saw. That is enough to place
+//! functions by; where a field is read for good, a short ray from the query to each function that is in doubt decides.
+
+use hplt_basis::{Absolute, Coefficients, Coverage, LayeredNearest, LayeredScratch, Reconstruction, ShepardBasis, Weight};
+use hplt_geom::radiometry::luminance;
+use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb};
+use hplt_sampling::is_in_sight;
+
+use crate::Model;
+
+/// Functions that answer at least, for their spread to mean anything.
+const LEAST_FUNCTIONS: usize = 3;
+/// Share of the weights at least that must be in sight.
+const LEAST_SHARE: f32 = 0.5;
+
+/// [`Layered`](hplt_basis::Layered) on the functions that a ray finds in sight of the query.
+#[derive(Clone, Copy)]
+pub struct LayeredInSight<'a> {
+    /// Casts the rays.
+    pub caster: &'a dyn RayCaster,
+}
+
+/// [`LayeredNearest`](hplt_basis::LayeredNearest) where a ray finds the function in sight of the query.
+#[derive(Clone, Copy)]
+pub struct LayeredNearestInSight<'a> {
+    /// Casts the ray.
+    pub caster: &'a dyn RayCaster,
+}
+
+/// A value of the field, and how far it can be trusted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Irradiance, W/m².
+    pub irradiance: Rgb,
+    /// The weighted standard deviation of luminance between the functions that answered, W/m². Infinite where next to none were
+    /// in sight: then the value is a guess.
+    pub spread: f32,
+}
+
+impl Reading {
+    /// Exact black, in dark regions.
+    const DARK: Self = Self { irradiance: Rgb::ZERO, spread: 0.0 };
+
+    /// Whether the functions that answered differ by more than `tolerance` of `total`, the total irradiance or more, W/m².
+    pub fn is_doubtful(&self, tolerance: f32, total: f32) -> bool {
+        self.spread > tolerance * total
+    }
+}
+
+impl Reconstruction<Absolute> for LayeredInSight<'_> {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        let mut buffers = ReadBuffers::default();
+        let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
+        for (query, out) in queries.iter().zip(out) {
+            let reading = read_levels_in_sight((basis, self.caster), coefficients, n_levels, query, &mut buffers);
+            coverage.nearest += u64::from(reading.spread == f32::INFINITY);
+            *out = reading.irradiance;
+        }
+        coverage
+    }
+}
+
+impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
+    fn reconstruct(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        queries: &[OrientedPoint],
+        out: &mut [Rgb],
+    ) -> Coverage {
+        let mut coverage = Coverage::default();
+        for (query, out) in queries.iter().zip(out) {
+            match self.in_sight(basis, coefficients, n_levels, query) {
+                Some((value, _)) => (*out, coverage.queries) = (value, coverage.queries + 1),
+                None => {
+                    let (query, out) = (std::slice::from_ref(query), std::slice::from_mut(out));
+                    coverage += LayeredNearest.reconstruct(basis, coefficients, n_levels, query, out);
+                }
+            }
+        }
+        coverage
+    }
+
+    fn in_sight(
+        &self,
+        basis: &ShepardBasis,
+        coefficients: &Coefficients<Absolute>,
+        n_levels: usize,
+        query: &OrientedPoint,
+    ) -> Option<(Rgb, f32)> {
+        let (level, i) = nearest_in_sight(basis, self.caster, n_levels, query)?;
+        Some((coefficients.level(level)[i as usize], basis.support(level)))
+    }
+}
+
+/// Reads the layered field `coefficients` at `query`.
+pub fn read_in_sight(
+    model: &Model<'_>,
+    coefficients: &Coefficients<Absolute>,
+    query: &OrientedPoint,
+    buffers: &mut ReadBuffers,
+) -> Reading {
+    let levels = model.basis.n_levels();
+    read_levels_in_sight((model.basis, model.caster), coefficients, levels, query, buffers)
+}
+
+fn read_levels_in_sight(
+    (basis, caster): (&ShepardBasis, &dyn RayCaster),
+    coefficients: &Coefficients<Absolute>,
+    n_levels: usize,
+    query: &OrientedPoint,
+    buffers: &mut ReadBuffers,
+) -> Reading {
+    if query.region == RegionId::DARK {
+        return Reading::DARK;
+    }
+    let ReadBuffers { expansion, layered } = buffers;
+    let coverage = basis.expand(n_levels, query, expansion, layered);
+    let guess = |value| Reading { irradiance: value, spread: f32::INFINITY };
+    let value = |w: &Weight| {
+        let (level, i) = basis.level_of(w.function);
+        coefficients.level(level)[i as usize]
+    };
+    let all: Rgb = expansion.iter().map(|w| value(w) * w.weight).sum();
+    if coverage.nearest + coverage.uncovered > 0 {
+        return guess(all);
+    }
+    expansion.retain(|w| {
+        let (level, i) = basis.level_of(w.function);
+        is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
+    });
+    let share: f32 = expansion.iter().map(|w| w.weight).sum();
+    if share <= 0.0 {
+        return guess(all);
+    }
+    let irradiance = expansion.iter().map(|w| value(w) * w.weight).sum::<Rgb>() / share;
+    if share < LEAST_SHARE || expansion.len() < LEAST_FUNCTIONS {
+        return guess(irradiance);
+    }
+    let mean = luminance(irradiance);
+    let square = |w: &Weight| (luminance(value(w)) - mean) * (luminance(value(w)) - mean) * w.weight;
+    let variance = expansion.iter().map(square).sum::<f32>() / share;
+    Reading { irradiance, spread: variance.sqrt() }
+}
+
+/// Buffers of [`read_in_sight`].
+#[derive(Debug, Default)]
+pub struct ReadBuffers {
+    expansion: Vec<Weight>,
+    layered: LayeredScratch,
+}
+
+/// Level and index of the function that a gather ray reads at `query`: the approximately nearest, if a ray finds it in sight.
+pub(crate) fn nearest_in_sight(
+    basis: &ShepardBasis,
+    caster: &dyn RayCaster,
+    n_levels: usize,
+    query: &OrientedPoint,
+) -> Option<(usize, u32)> {
+    let sees = |&(level, i): &(usize, u32)| {
+        is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
+    };
+    basis.layered_nearest(n_levels, query).filter(sees)
+}
