@@ -232,7 +232,9 @@ impl Field {
                 splat_flattened(basis, &flatten_absolute(basis, &f.indirect, threshold), gbuffer, progress)?
             }
             (_, Self::Delta(f)) => return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress),
-            (_, Self::Absolute(f)) => return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress),
+            (_, Self::Absolute(f)) => {
+                return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress);
+            }
         };
         Ok((splatted.irradiance, splatted.report.coverage))
     }
@@ -281,11 +283,15 @@ fn interpolate<E: Sync>(
     points: &[OrientedPoint],
 ) -> Vec<Reading> {
     let n_levels = model.basis.n_levels();
-    parallel::map(points.len(), || reader(model.caster), |reconstruction, i| {
-        let mut value = [Rgb::ZERO];
-        let point = std::slice::from_ref(&points[i]);
-        let coverage = reconstruction.reconstruct(model.basis, coefficients, n_levels, point, &mut value);
-        let is_seen = coverage.nearest + coverage.uncovered == 0;
-        Reading { irradiance: value[0], spread: if is_seen { 0.0 } else { f32::INFINITY } }
-    })
+    parallel::map(
+        points.len(),
+        || reader(model.caster),
+        |reconstruction, i| {
+            let mut value = [Rgb::ZERO];
+            let point = std::slice::from_ref(&points[i]);
+            let coverage = reconstruction.reconstruct(model.basis, coefficients, n_levels, point, &mut value);
+            let is_seen = coverage.nearest + coverage.uncovered == 0;
+            Reading { irradiance: value[0], spread: if is_seen { 0.0 } else { f32::INFINITY } }
+        },
+    )
 }

@@ -24,6 +24,8 @@ use crate::values::{Radius, human_bytes};
 const ERROR_POINTS: usize = 256;
 /// Rays of each.
 const ERROR_RAYS: u32 = 1024;
+/// Share of the surface that may be out of reach of all functions on the coarsest level of links: their rays go on from there.
+const UNCOVERED_BY_LINKS: f64 = 0.03;
 
 /// A lit scene: everything that displays and measurements read.
 pub struct Lit<'s> {
@@ -126,6 +128,7 @@ impl<'r> Run<'r> {
         let mut options = hierarchy_options(settings);
         if settings.variant == Variant::Links {
             options.n_levels = 1;
+            options.max_uncovered = UNCOVERED_BY_LINKS;
         }
         let hierarchy = self.stage("points", |_| poisson_hierarchy(scene, &bvh, &options, reporter));
         let hierarchy = hierarchy.map_err(sampling_failure)?;

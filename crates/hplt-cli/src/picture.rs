@@ -7,7 +7,7 @@ use hplt_geom::{Camera, Image, Progress, Rgb};
 use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
 use hplt_sampling::random::Stage;
 use hplt_splat::{GBuffer, GBufferOptions, LayerValues, layers, radiance};
-use hplt_transport::{DirectLight, DirectOptions, FinalGatherOptions, direct_irradiance};
+use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGatherOptions, direct_irradiance};
 
 use crate::exit::{Exit, Failure};
 use crate::job::{Lit, Run};
@@ -88,7 +88,7 @@ fn shade_indirect(
             stage: Stage::FinalGather,
             seed: settings.transport.seed,
             light: &light,
-            contact: 1.0,
+            contact: CONTACT,
         };
         let levels = settings.transport.sender_levels;
         let gathered = lit.field.gather(&lit.model(), levels, &gbuffer.queries(), options, progress)?;

@@ -6,7 +6,7 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{OrientedPoint, Progress, RegionId, Rgb};
 use hplt_io::{IrradianceRow, Limits, SensorPoint, read_points_csv, write_irradiance_csv, write_irradiance_rows};
 use hplt_sampling::random::Stage;
-use hplt_transport::{DirectLight, DirectOptions, FinalGatherOptions, Reading, direct_irradiance};
+use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGatherOptions, Reading, direct_irradiance};
 
 use crate::args::PointsArgs;
 use crate::exit::{Exit, Failure};
@@ -134,7 +134,7 @@ fn light_at(
             stage: Stage::FinalGather,
             seed: transport.seed,
             light: &light,
-            contact: 1.0,
+            contact: CONTACT,
         };
         let found = lit.field.gather(&lit.model(), transport.sender_levels, &receivers, options, progress)?;
         gathered.iter().zip(found).for_each(|(&i, g)| indirect[i] = g.irradiance);
@@ -149,10 +149,8 @@ fn doubtful(direct: &[Rgb], readings: &[Reading]) -> Vec<bool> {
     let totals: Vec<f32> = direct.iter().zip(readings).map(|(d, r)| luminance(*d + r.irradiance)).collect();
     let mean = totals.iter().map(|&t| f64::from(t)).sum::<f64>() / totals.len().max(1) as f64;
     let floor = (0.01 * mean) as f32;
-    let tol = std::env::var("HPLT_DOUBT").map_or(DOUBT, |v| v.parse().unwrap());
-    let d: Vec<bool> = readings.iter().zip(&totals).map(|(reading, total)| reading.is_doubtful(tol, total.max(floor))).collect();
-    eprintln!("doubtful {}", d.iter().filter(|d| **d).count());
-    d
+    let is_doubtful = |(reading, total): (&Reading, &f32)| reading.is_doubtful(DOUBT, total.max(floor));
+    readings.iter().zip(&totals).map(is_doubtful).collect()
 }
 
 fn rows(sensors: &[SensorPoint], light: &[[Rgb; 2]]) -> Vec<IrradianceRow> {

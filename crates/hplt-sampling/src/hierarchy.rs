@@ -14,7 +14,9 @@ use crate::{Error, Regions};
 
 /// Fresh points that measure the coverage, at most.
 const MAX_FRESH: usize = 1 << 15;
-/// The same per candidate.
+/// Fresh points over the largest uncovered share that is accepted: enough to tell it from twice as much.
+const FRESH_FOR_ONE: f64 = 100.0;
+/// Fresh points per candidate, at most.
 const FRESH_PER_CANDIDATE: usize = 2;
 /// Times that the candidates grow by half before the rest of the gaps is accepted.
 const MAX_ROUNDS: usize = 8;
@@ -97,7 +99,8 @@ fn fill(
             candidates.draw_on_small_components();
         }
         throw_all(levels, (candidates.points(), first), candidates.caster(), progress)?;
-        report.uncovered_fraction = uncovered_fraction(levels, candidates, round as u32);
+        let fresh = (FRESH_FOR_ONE / options.max_uncovered.max(f64::MIN_POSITIVE)).min(MAX_FRESH as f64) as usize;
+        report.uncovered_fraction = uncovered_fraction(levels, candidates, fresh, round as u32);
         if report.uncovered_fraction <= options.max_uncovered {
             return Ok(());
         }
@@ -148,8 +151,8 @@ fn coherent_order(candidates: &[OrientedPoint], start: usize, end: usize) -> Vec
     keys.into_iter().map(|key| key as u32).collect()
 }
 
-fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, round: u32) -> f64 {
-    let n = (FRESH_PER_CANDIDATE * candidates.points().len()).min(MAX_FRESH);
+fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, most: usize, round: u32) -> f64 {
+    let n = (FRESH_PER_CANDIDATE * candidates.points().len()).min(most);
     let fresh = candidates.fresh(n, round);
     let Some(finest) = levels.last() else { return 0.0 };
     let missed = parallel::map(fresh.len(), || (), |(), i| !finest.covers(&fresh[i]));

@@ -3,7 +3,7 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{DirectLight, FinalGatherOptions, Model, Sender, final_gather};
+use crate::{CONTACT, DirectLight, FinalGatherOptions, Model, Sender, final_gather};
 
 /// How far a solution is from its own gather, at points that are no functions. Relative to the total irradiance there, by
 /// luminance, with a floor of 1 % of the mean.
@@ -51,7 +51,7 @@ pub fn estimate_error<E>(
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
     let ErrorProbe { points, direct, light, n_rays, seed } = probe;
-    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: 1.0 };
+    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: CONTACT };
     let fresh = final_gather(model, sender, points, options, progress)?;
     let mut interpolated = vec![Rgb::ZERO; points.len()];
     reconstruction.reconstruct(model.basis, indirect, model.basis.n_levels(), points, &mut interpolated);

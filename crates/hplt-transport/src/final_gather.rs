@@ -5,6 +5,10 @@ use crate::gather::{Counter, GROUPS, Groups};
 use crate::paths::{Arrival, PathBuffers, PathSink, PathTracer};
 use crate::{DirectLight, Model, Sender};
 
+/// The usual [`FinalGatherOptions::contact`]. At 1, a gather on Sponza takes half as long again and is no better; at 0 it is a third
+/// worse.
+pub const CONTACT: f32 = 0.25;
+
 /// Indirect irradiance read through one more gather.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FinalGather {
@@ -29,8 +33,8 @@ pub struct FinalGatherOptions<'a> {
     /// Sampled wherever a ray lands.
     pub light: &'a DirectLight<'a>,
     /// Rays that meet surface nearer than this, in supports of the functions there, do not read the field, which is too coarse
-    /// to tell what happens at such a distance: they go on, as do those that meet surface which no function is in sight of. 1
-    /// usually.
+    /// to tell what happens at such a distance: they go on, as do those that meet surface which no function is in sight of.
+    /// [`CONTACT`] usually.
     pub contact: f32,
 }
 

@@ -2,7 +2,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec2};
 use hplt_basis::{Coefficients, Coverage, Reconstruction, ShepardBasis};
-use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, SurfacePoint, offset_origin};
+use hplt_geom::{
+    Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, SurfacePoint, offset_origin,
+};
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
 

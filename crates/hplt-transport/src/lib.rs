@@ -44,7 +44,7 @@ pub use delta::transport_delta;
 pub use direct::{DirectEstimator, DirectLight, DirectOptions, direct_irradiance, project_direct};
 pub use error::Error;
 pub use estimate::{ErrorEstimate, ErrorProbe, estimate_error};
-pub use final_gather::{FinalGather, FinalGatherOptions, final_gather};
+pub use final_gather::{CONTACT, FinalGather, FinalGatherOptions, final_gather};
 pub use gather::Sender;
 pub use links::{LinkOptions, LinkPrecision, LinkReport, Linked, LinkedLevel, transport_links};
 pub use operator::LinearOperator;

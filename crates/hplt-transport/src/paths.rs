@@ -69,13 +69,7 @@ pub(crate) struct PathBuffers {
 
 impl PathTracer<'_> {
     /// Traces the paths of the receiver with this `id` and returns how many of their first rays left the scene.
-    pub fn trace(
-        &self,
-        receiver: &OrientedPoint,
-        id: u32,
-        buffers: &mut PathBuffers,
-        sink: &mut impl PathSink,
-    ) -> u32 {
+    pub fn trace(&self, receiver: &OrientedPoint, id: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) -> u32 {
         let scramble = scramble(self.seed, self.stage, id);
         buffers.first.trace(self.caster, receiver, scramble, self.n_rays);
         buffers.hits.clone_from(&buffers.first.hits);

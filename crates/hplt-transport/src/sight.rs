@@ -3,7 +3,9 @@
 //! What a function knows about its surroundings ([`Extent`](hplt_geom::Extent)) is what eight rays saw. That is enough to place
 //! functions by; where a field is read for good, a short ray from the query to each function that is in doubt decides.
 
-use hplt_basis::{Absolute, Coefficients, Coverage, LayeredNearest, LayeredScratch, Reconstruction, ShepardBasis, Weight};
+use hplt_basis::{
+    Absolute, Coefficients, Coverage, LayeredNearest, LayeredScratch, Reconstruction, ShepardBasis, Weight,
+};
 use hplt_geom::radiometry::luminance;
 use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb};
 use hplt_sampling::is_in_sight;
@@ -167,8 +169,7 @@ pub(crate) fn nearest_in_sight(
     n_levels: usize,
     query: &OrientedPoint,
 ) -> Option<(usize, u32)> {
-    let sees = |&(level, i): &(usize, u32)| {
-        is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
-    };
+    let sees =
+        |&(level, i): &(usize, u32)| is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level));
     basis.layered_nearest(n_levels, query).filter(sees)
 }
