@@ -41,7 +41,8 @@ fn a_furnace_is_uniform_at_any_albedo() {
         let all = (0..linked.basis.n_levels()).flat_map(|l| linked.indirect.level(l));
         let error = all.map(|e| (*e / exact - Rgb::ONE).abs().max_element()).fold(0.0, f32::max);
         assert!(error <= 2e-6 / (1.0 - albedo) && error <= linked.report.solve.bound + 1e-6, "{albedo}: {error:e}");
-        assert!(linked.report.solve.sweeps <= 12, "{albedo}: {} sweeps", linked.report.solve.sweeps);
+        let most = if albedo < 0.999 { 12 } else { 15 };
+        assert!(linked.report.solve.sweeps <= most, "{albedo}: {} sweeps", linked.report.solve.sweeps);
     }
 }
 

@@ -188,7 +188,7 @@ impl Field {
         })
     }
 
-    /// How far the interpolated field is from its own gather with fresh rays.
+    /// How far what is read from the field is from its own gather with fresh rays.
     ///
     /// # Errors
     /// When interrupted.
@@ -200,9 +200,9 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<ErrorEstimate, Interrupted> {
         either!(self, f => {
-            let (reconstruction, display) = (&*(f.sender)(model.caster), &*(f.display)(model.caster));
+            let reconstruction = &*(f.sender)(model.caster);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
-            estimate_error(model, &sender, &f.indirect, display, probe, progress)
+            estimate_error(model, &sender, probe, progress)
         })
     }
 

@@ -12,6 +12,7 @@ use hplt_transport::{
 use crate::estimate::Estimate;
 use crate::exit::{Exit, Failure};
 use crate::field::Field;
+use crate::indirect::{Gathered, indirect_light};
 use crate::load::LoadedScene;
 use crate::progress::Reporter;
 use crate::report::{LevelRow, RunReport};
@@ -202,7 +203,16 @@ impl<'r> Run<'r> {
             let points = random_surface_points(lit.scene, &lit.bvh, &lit.regions, ERROR_POINTS, seed);
             let lights = DirectLight::new(lit.scene, DirectOptions { seed, ..DirectOptions::measurement() });
             let direct = direct_irradiance(&lights, &lit.bvh, &points, Stage::Error, reporter)?;
-            let probe = ErrorProbe { points: &points, direct: &direct, light: &lights, n_rays: ERROR_RAYS, seed };
+            let gathered = (&Gathered::Doubtful(&|_| false), ERROR_RAYS);
+            let indirect = indirect_light((lit, settings), &points, &direct, gathered, reporter)?.irradiance;
+            let probe = ErrorProbe {
+                points: &points,
+                direct: &direct,
+                light: &lights,
+                n_rays: ERROR_RAYS,
+                seed,
+                indirect: &indirect,
+            };
             lit.field.error(&lit.model(), settings.transport.sender_levels, probe, reporter)
         });
         match measured {

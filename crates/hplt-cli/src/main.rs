@@ -11,6 +11,7 @@ mod estimate;
 mod exit;
 mod field;
 mod generate;
+mod indirect;
 mod info;
 mod job;
 mod lights;

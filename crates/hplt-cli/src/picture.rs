@@ -7,13 +7,17 @@ use hplt_geom::{Camera, Image, Progress, Rgb};
 use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
 use hplt_sampling::random::Stage;
 use hplt_splat::{GBuffer, GBufferOptions, LayerValues, layers, radiance};
-use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGatherOptions, direct_irradiance};
+use hplt_transport::{DirectLight, DirectOptions, direct_irradiance};
 
 use crate::exit::{Exit, Failure};
+use crate::indirect::{Gathered, indirect_light};
 use crate::job::{Lit, Run};
 use crate::outputs::extension;
-use crate::sections::{Display, RenderSection, ToneMapName};
+use crate::sections::{Display, RenderSection, ToneMapName, Variant};
 use crate::values::Size;
+
+/// Rays, at least, of a sample where interpolation cannot be trusted.
+const DOUBTFUL_RAYS: u32 = 128;
 
 /// A picture with everything that is known per sample.
 pub struct Picture {
@@ -50,7 +54,8 @@ pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Re
     run.report.enter_memory("g-buffer", gbuffer.memory());
     let direct =
         run.stage("direct light of pixels", |_| shade_direct(lit, &gbuffer, settings.transport.seed, progress))?;
-    let indirect = run.stage("indirect light of pixels", |run| shade_indirect(run, lit, &gbuffer, progress))?;
+    let indirect =
+        run.stage("indirect light of pixels", |run| shade_indirect(run, lit, (&gbuffer, &direct), progress))?;
     let radiance = radiance(&gbuffer, &direct, &indirect);
     check_finite(&radiance)?;
     Ok(Picture { gbuffer, direct, indirect, radiance })
@@ -77,24 +82,19 @@ fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Prog
 fn shade_indirect(
     run: &Run<'_>,
     lit: &Lit<'_>,
-    gbuffer: &GBuffer,
+    (gbuffer, direct): (&GBuffer, &[Rgb]),
     progress: &dyn Progress,
 ) -> Result<Vec<Rgb>, Failure> {
     let settings = run.settings;
-    if settings.display == Display::FinalGather && !lit.is_cut_short {
-        let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
-        let options = FinalGatherOptions {
-            n_rays: settings.gather_rays,
-            stage: Stage::FinalGather,
-            seed: settings.transport.seed,
-            light: &light,
-            contact: CONTACT,
-        };
-        let levels = settings.transport.sender_levels;
-        let gathered = lit.field.gather(&lit.model(), levels, &gbuffer.queries(), options, progress)?;
-        return Ok(gathered.iter().map(|g| g.irradiance).collect());
-    }
-    Ok(lit.field.show(&lit.model(), settings.display, gbuffer, progress)?.0)
+    let is_interpolated = settings.display == Display::Evaluate || lit.field.variant() == Variant::Links;
+    let nowhere_else = |_| false;
+    let gathered = match settings.display {
+        _ if lit.is_cut_short => return Ok(lit.field.show(&lit.model(), settings.display, gbuffer, progress)?.0),
+        Display::FinalGather => (&Gathered::All, settings.gather_rays),
+        _ if is_interpolated => (&Gathered::Doubtful(&nowhere_else), DOUBTFUL_RAYS.max(settings.gather_rays)),
+        display => return Ok(lit.field.show(&lit.model(), display, gbuffer, progress)?.0),
+    };
+    Ok(indirect_light((lit, settings), &gbuffer.queries(), direct, gathered, progress)?.irradiance)
 }
 
 fn splat_failure(error: hplt_splat::Error) -> Failure {

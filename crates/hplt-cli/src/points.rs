@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use hplt_geom::radiometry::luminance;
 use hplt_geom::{OrientedPoint, Progress, RegionId, Rgb};
 use hplt_io::{IrradianceRow, Limits, SensorPoint, read_points_csv, write_irradiance_csv, write_irradiance_rows};
 use hplt_sampling::random::Stage;
-use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGatherOptions, Reading, direct_irradiance};
+use hplt_transport::{DirectLight, DirectOptions, direct_irradiance};
 
 use crate::args::PointsArgs;
 use crate::exit::{Exit, Failure};
+use crate::indirect::{Gathered, indirect_light};
 use crate::job::{Lit, Run};
 use crate::outputs::{check_outputs, to_stdout};
 use crate::render::inputs;
@@ -19,10 +19,8 @@ use crate::settings::power_of_two;
 use crate::snap::{Placed, place};
 use crate::solution;
 
-/// Rays of points in the air, when no final gather is asked for.
-const AIR_RAYS: u32 = 1024;
-/// Spread of the functions over the total irradiance, above which a point is gathered.
-const DOUBT: f32 = 0.3;
+/// Rays of points in the air and of those where interpolation cannot be trusted, when no final gather is asked for.
+const DOUBTFUL_RAYS: u32 = 1024;
 
 /// Lights a scene and writes the irradiance at given points.
 ///
@@ -121,36 +119,17 @@ fn light_at(
         let lights = DirectLight::new(lit.scene, options);
         direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
     })?;
-    let indirect = run.stage("indirect light of points", |_| {
-        let readings = lit.field.indirect_at(&lit.model(), points);
-        let doubtful = doubtful(&direct, &readings);
-        let must_gather = |i: &usize| final_gather.is_some() || !placed[*i].is_on_surface || doubtful[*i];
-        let gathered: Vec<usize> = (0..points.len()).filter(must_gather).collect();
-        let mut indirect: Vec<Rgb> = readings.iter().map(|reading| reading.irradiance).collect();
-        let receivers: Vec<OrientedPoint> = gathered.iter().map(|&i| points[i]).collect();
-        let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
-        let options = FinalGatherOptions {
-            n_rays: final_gather.unwrap_or(AIR_RAYS),
-            stage: Stage::FinalGather,
-            seed: transport.seed,
-            light: &light,
-            contact: CONTACT,
+    let found = run.stage("indirect light of points", |run| {
+        let in_air = |i: usize| !placed[i].is_on_surface;
+        let gathered = match final_gather {
+            Some(n_rays) => (&Gathered::All, n_rays),
+            None => (&Gathered::Doubtful(&in_air), DOUBTFUL_RAYS),
         };
-        let found = lit.field.gather(&lit.model(), transport.sender_levels, &receivers, options, progress)?;
-        gathered.iter().zip(found).for_each(|(&i, g)| indirect[i] = g.irradiance);
-        Ok::<_, Failure>(indirect)
+        indirect_light((lit, run.settings), points, &direct, gathered, progress)
     })?;
+    run.report.more.insert("points_gathered".into(), found.n_gathered.into());
+    let indirect = found.irradiance;
     Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i]).collect())
-}
-
-/// Whether interpolation cannot be trusted at each point: the functions around differ by much of the total irradiance, or by much of
-/// a hundredth of its mean where that is more.
-fn doubtful(direct: &[Rgb], readings: &[Reading]) -> Vec<bool> {
-    let totals: Vec<f32> = direct.iter().zip(readings).map(|(d, r)| luminance(*d + r.irradiance)).collect();
-    let mean = totals.iter().map(|&t| f64::from(t)).sum::<f64>() / totals.len().max(1) as f64;
-    let floor = (0.01 * mean) as f32;
-    let is_doubtful = |(reading, total): (&Reading, &f32)| reading.is_doubtful(DOUBT, total.max(floor));
-    readings.iter().zip(&totals).map(is_doubtful).collect()
 }
 
 fn rows(sensors: &[SensorPoint], light: &[[Rgb; 2]]) -> Vec<IrradianceRow> {

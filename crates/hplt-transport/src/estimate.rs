@@ -1,4 +1,3 @@
-use hplt_basis::{Coefficients, Reconstruction};
 use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
@@ -9,7 +8,7 @@ use crate::{CONTACT, DirectLight, FinalGatherOptions, Model, Sender, final_gathe
 /// luminance, with a floor of 1 % of the mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorEstimate {
-    /// Mean over the points of `|interpolated - gathered| / total`, the noise of the gather taken out in the square.
+    /// Mean over the points of `|found - gathered| / total`, the noise of the gather taken out in the square.
     pub mean: f64,
     /// The 95th percentile over the points; includes the noise of the gather.
     pub p95: f64,
@@ -32,12 +31,13 @@ pub struct ErrorProbe<'a> {
     pub n_rays: u32,
     /// Seed of the rays.
     pub seed: u64,
+    /// The indirect irradiance that is judged, at each point, W/m².
+    pub indirect: &'a [Rgb],
 }
 
-/// Measures the interpolated solution against gathers of fresh rays.
+/// Measures what was found at points against gathers of fresh rays over `sender`, the indirect irradiance as gathers read it.
 ///
-/// `sender` is the indirect irradiance as gathers read it, `indirect` the same as displays interpolate it with `reconstruction`. The
-/// estimate does not see errors that interpolation and gather share, bounces left out above all
+/// The estimate does not see errors that both share, bounces left out above all
 /// ([`TransportReport::truncation_bound`](crate::TransportReport)).
 ///
 /// # Errors
@@ -45,23 +45,19 @@ pub struct ErrorProbe<'a> {
 pub fn estimate_error<E>(
     model: &Model<'_>,
     sender: &Sender<'_, E>,
-    indirect: &Coefficients<E>,
-    reconstruction: &dyn Reconstruction<E>,
     probe: ErrorProbe<'_>,
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
-    let ErrorProbe { points, direct, light, n_rays, seed } = probe;
+    let ErrorProbe { points, direct, light, n_rays, seed, indirect } = probe;
     let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: CONTACT };
     let fresh = final_gather(model, sender, points, options, progress)?;
-    let mut interpolated = vec![Rgb::ZERO; points.len()];
-    reconstruction.reconstruct(model.basis, indirect, model.basis.n_levels(), points, &mut interpolated);
     let total: Vec<f64> =
         fresh.iter().zip(direct).map(|(g, d)| f64::from(luminance(g.irradiance) + luminance(*d))).collect();
     let n = points.len().max(1) as f64;
     let floor = 0.01 * total.iter().sum::<f64>() / n;
     let relative = |value: f32, i: usize| f64::from(value) / total[i].max(floor).max(f64::MIN_POSITIVE);
     let mut errors: Vec<f64> = (0..points.len())
-        .map(|i| relative((luminance(interpolated[i]) - luminance(fresh[i].irradiance)).abs(), i))
+        .map(|i| relative((luminance(indirect[i]) - luminance(fresh[i].irradiance)).abs(), i))
         .collect();
     let noise = (0..points.len()).map(|i| relative(luminance(fresh[i].noise), i)).sum::<f64>() / n;
     let measured = errors.iter().sum::<f64>() / n;
