@@ -9,6 +9,7 @@ use crate::{Error, Image, Rgb};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     map: Image,
+    name: String,
 }
 
 impl Environment {
@@ -43,7 +44,28 @@ impl Environment {
                 }
             }
         }
-        Ok(Self { map })
+        let name = if map.pixels().len() == 1 { "sky" } else { "environment" };
+        Ok(Self { map, name: name.into() })
+    }
+
+    /// The same light under another name.
+    pub fn named(self, name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..self }
+    }
+
+    /// The name, by which it is a group of lights: `sky` for a constant, `environment` for a map, unless it was given another.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The same sky with every radiance multiplied by `factor`.
+    ///
+    /// # Errors
+    /// When a product is negative or not finite.
+    pub fn scaled(&self, factor: Rgb) -> Result<Self, Error> {
+        let pixels = self.map.pixels().iter().map(|p| *p * factor).collect();
+        let map = Image::from_pixels(self.map.width(), self.map.height(), pixels);
+        Ok(Self::from_map(map)?.named(self.name.clone()))
     }
 
     /// The radiance when it is the same everywhere.

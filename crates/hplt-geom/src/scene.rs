@@ -16,9 +16,9 @@ const MAX_TRIANGLES: u64 = 200_000_000;
 pub struct Scene {
     frame: Frame,
     mesh: Mesh,
-    materials: Vec<Material>,
-    lights: Vec<Light>,
-    environment: Option<Environment>,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) lights: Vec<Light>,
+    pub(crate) environment: Option<Environment>,
     cameras: Vec<Camera>,
 }
 
