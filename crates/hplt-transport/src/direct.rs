@@ -2,8 +2,8 @@ use glam::{DVec3, Vec2, Vec3};
 use hplt_basis::{Absolute, Coefficients, ShepardBasis, restrict};
 use hplt_geom::radiometry::irradiance_from_uniform_radiance;
 use hplt_geom::{
-    Hit, Interrupted, Light, LightShape, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, Scene, offset_origin,
-    parallel,
+    Hit, Interrupted, Light, LightGroupId, LightGroups, LightShape, OrientedPoint, Progress, Ray, RayCaster, RegionId,
+    Rgb, Scene, offset_origin, parallel,
 };
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
@@ -68,6 +68,7 @@ impl DirectOptions {
 #[derive(Debug, Clone)]
 pub struct DirectLight<'s> {
     pub(crate) scene: &'s Scene,
+    pub(crate) groups: LightGroups,
     pub(crate) emitters: Emitters,
     pub(crate) sky: Option<SkySampler>,
     options: DirectOptions,
@@ -77,7 +78,8 @@ pub struct DirectLight<'s> {
 impl<'s> DirectLight<'s> {
     /// Collects emitters and prepares the environment of `scene`.
     pub fn new(scene: &'s Scene, options: DirectOptions) -> Self {
-        let emitters = Emitters::new(scene);
+        let groups = LightGroups::of(scene);
+        let emitters = Emitters::new(scene, &groups);
         let by_hemisphere = match options.estimator {
             DirectEstimator::Lights => false,
             DirectEstimator::Hemisphere => true,
@@ -89,7 +91,12 @@ impl<'s> DirectLight<'s> {
             }
         };
         let sky = if by_hemisphere { None } else { scene.environment().and_then(SkySampler::new) };
-        Self { scene, emitters, sky, options, by_hemisphere }
+        Self { scene, groups, emitters, sky, options, by_hemisphere }
+    }
+
+    /// The groups of lights, by name.
+    pub fn groups(&self) -> &LightGroups {
+        &self.groups
     }
 
     /// How many sides of triangles emit.
@@ -110,8 +117,22 @@ impl<'s> DirectLight<'s> {
         (stage, id): (Stage, u32),
         scratch: &mut Shadows,
     ) -> Rgb {
+        let mut sum = DVec3::ZERO;
+        self.arrivals(caster, point, (stage, id), scratch, |_, brings| sum += brings);
+        sum.as_vec3()
+    }
+
+    /// The same by group of lights: calls `arrive` with whose light it is and what it brings, in a fixed order.
+    fn arrivals(
+        &self,
+        caster: &dyn RayCaster,
+        point: &OrientedPoint,
+        (stage, id): (Stage, u32),
+        scratch: &mut Shadows,
+        mut arrive: impl FnMut(LightGroupId, DVec3),
+    ) {
         if point.region == RegionId::DARK {
-            return Rgb::ZERO;
+            return;
         }
         let sampler = PointSampler {
             light: self,
@@ -119,23 +140,23 @@ impl<'s> DirectLight<'s> {
             origin: offset_origin(point.position, point.normal),
             seeds: Seeds { seed: self.options.seed, stage, id },
         };
-        let mut sum = DVec3::ZERO;
         if self.by_hemisphere {
-            sum += sampler.hemisphere(caster, scratch);
+            sampler.hemisphere(caster, scratch, &mut arrive);
         } else {
             if self.emitters.is_many() {
-                sum += sampler.some_emitters(caster, scratch);
+                sampler.some_emitters(caster, scratch, &mut arrive);
             } else {
                 for (i, emitter) in self.emitters.all.iter().enumerate() {
-                    sum += sampler.one_emitter(caster, emitter, i as u32, scratch);
+                    arrive(emitter.group, sampler.one_emitter(caster, emitter, i as u32, scratch));
                 }
             }
-            sum += sampler.sky(caster, scratch);
+            if let Some(group) = self.groups.of_environment() {
+                arrive(group, sampler.sky(caster, scratch));
+            }
         }
         for (i, light) in self.scene.lights().iter().enumerate() {
-            sum += sampler.light(caster, light, i as u32, scratch);
+            arrive(self.groups.of_light(i), sampler.light(caster, light, i as u32, scratch));
         }
-        sum.as_vec3()
     }
 }
 
@@ -162,6 +183,33 @@ pub fn direct_irradiance(
     })
 }
 
+/// As [`direct_irradiance`], to the bit, and from the same samples what each group of lights ([`DirectLight::groups`]) brings: by
+/// group, then by point.
+///
+/// # Errors
+/// When interrupted.
+pub fn direct_irradiance_by_group(
+    light: &DirectLight<'_>,
+    caster: &dyn RayCaster,
+    points: &[OrientedPoint],
+    stage: Stage,
+    progress: &dyn Progress,
+) -> Result<(Vec<Rgb>, Vec<Vec<Rgb>>), Interrupted> {
+    let counter = Counter::new(progress, "direct light", points.len());
+    let n = light.groups.len();
+    let by_point = parallel::try_map(points.len(), Shadows::default, |scratch, i| {
+        counter.step()?;
+        let (mut sum, mut parts) = (DVec3::ZERO, vec![DVec3::ZERO; n]);
+        light.arrivals(caster, &points[i], (stage, i as u32), scratch, |group, brings| {
+            sum += brings;
+            parts[group.0 as usize] += brings;
+        });
+        Ok((sum.as_vec3(), parts.into_iter().map(|s| s.as_vec3()).collect::<Vec<_>>()))
+    })?;
+    let by_group = (0..n).map(|g| by_point.iter().map(|(_, parts)| parts[g]).collect()).collect();
+    Ok((by_point.into_iter().map(|(sum, _)| sum).collect(), by_group))
+}
+
 /// Projects direct light onto the hierarchy: sampled at every function of the finest level, averaged over supports on
 /// coarser ones ([`restrict`]), so that patches of light smaller than a coarse function are not lost.
 ///
@@ -185,6 +233,8 @@ pub fn project_direct(
 pub(crate) struct Shadows {
     rays: Vec<Ray>,
     brings: Vec<Rgb>,
+    /// Whose light each brings, where several groups are sampled together.
+    groups: Vec<LightGroupId>,
     occluded: Vec<bool>,
     hits: Vec<Hit>,
 }
@@ -285,8 +335,14 @@ impl PointSampler<'_> {
         }
     }
 
-    fn some_emitters(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
+    fn some_emitters(
+        &self,
+        caster: &dyn RayCaster,
+        shadows: &mut Shadows,
+        arrive: &mut impl FnMut(LightGroupId, DVec3),
+    ) {
         shadows.clear();
+        shadows.groups.clear();
         let OrientedPoint { position, normal, .. } = *self.point;
         let n = self.light.options.light_samples;
         let scramble = self.seeds.of(1, 0);
@@ -297,9 +353,17 @@ impl PointSampler<'_> {
             let target = emitter.point(u, v);
             let weight = emitter.kernel(position, normal, target) / (n as f32 * probability);
             let brings = emitter.exitance(self.light.scene, u, v) * weight;
+            if brings != Rgb::ZERO {
+                shadows.groups.push(emitter.group);
+            }
             shadows.push(self.segment_to(emitter, target), brings);
         }
-        shadows.trace(caster).0
+        shadows.trace(caster);
+        for ((&group, brings), occluded) in shadows.groups.iter().zip(&shadows.brings).zip(&shadows.occluded) {
+            if !occluded {
+                arrive(group, brings.as_dvec3());
+            }
+        }
     }
 
     fn sky(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
@@ -360,7 +424,7 @@ impl PointSampler<'_> {
     }
 
     /// The mean over cosine-distributed rays of the exitance that they hit, or `π` times the radiance of the sky.
-    fn hemisphere(&self, caster: &dyn RayCaster, shadows: &mut Shadows) -> DVec3 {
+    fn hemisphere(&self, caster: &dyn RayCaster, shadows: &mut Shadows, arrive: &mut impl FnMut(LightGroupId, DVec3)) {
         let n = self.light.options.sky_samples;
         let scramble = self.seeds.of(4, 0);
         shadows.rays.clear();
@@ -370,10 +434,10 @@ impl PointSampler<'_> {
         shadows.hits.clear();
         shadows.hits.resize(n as usize, Hit::MISS);
         caster.trace_nearest(&shadows.rays, &mut shadows.hits);
-        let mut sum = DVec3::ZERO;
         for (ray, hit) in shadows.rays.iter().zip(&shadows.hits) {
-            sum += self.light.seen(ray, hit).as_dvec3();
+            if let Some((group, brings)) = self.light.seen(ray, hit) {
+                arrive(group, brings.as_dvec3() / f64::from(n));
+            }
         }
-        sum / f64::from(n)
     }
 }

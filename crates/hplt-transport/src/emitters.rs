@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use hplt_geom::radiometry::{area_kernel, luminance, polygon_form_factor};
-use hplt_geom::{Material, Rgb, Scene, TriangleId};
+use hplt_geom::{LightGroupId, LightGroups, Material, Rgb, Scene, TriangleId};
 
 /// Above this many emitters a point samples some of them instead of all.
 const MANY: usize = 32;
@@ -16,6 +16,7 @@ pub(crate) struct Emitter {
     pub area: f32,
     pub triangle: TriangleId,
     pub is_front: bool,
+    pub group: LightGroupId,
     /// Exitance when it is the same all over; `None` when textured.
     pub uniform_exitance: Option<Rgb>,
 }
@@ -68,13 +69,14 @@ pub(crate) struct Emitters {
 }
 
 impl Emitters {
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene, groups: &LightGroups) -> Self {
         let mut all = Vec::new();
         for triangle in scene.emissive_triangles() {
             let material = scene.material(triangle);
+            let Some(group) = groups.of_material(scene.mesh().material(triangle)) else { continue };
             for is_front in [true, false] {
                 if material.emits.includes(is_front) {
-                    all.push(emitter(scene, material, triangle, is_front));
+                    all.push(emitter(scene, (material, group), triangle, is_front));
                 }
             }
         }
@@ -96,7 +98,12 @@ impl Emitters {
     }
 }
 
-fn emitter(scene: &Scene, material: &Material, triangle: TriangleId, is_front: bool) -> Emitter {
+fn emitter(
+    scene: &Scene,
+    (material, group): (&Material, LightGroupId),
+    triangle: TriangleId,
+    is_front: bool,
+) -> Emitter {
     let side = if is_front { 1.0 } else { -1.0 };
     Emitter {
         corners: scene.mesh().corners(triangle),
@@ -104,6 +111,7 @@ fn emitter(scene: &Scene, material: &Material, triangle: TriangleId, is_front: b
         area: scene.mesh().area(triangle) as f32,
         triangle,
         is_front,
+        group,
         uniform_exitance: material.exitance_texture.is_none().then_some(material.exitance),
     }
 }

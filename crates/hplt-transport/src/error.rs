@@ -33,6 +33,22 @@ pub enum Error {
         /// How many bounces in a row grew.
         n_growing: usize,
     },
+    /// Stored links are not such as tracing makes.
+    #[error("links of function {row}: {problem}")]
+    Links {
+        /// The function, by flat index.
+        row: usize,
+        /// What is wrong, in words.
+        problem: &'static str,
+    },
+    /// A light cannot be multiplied by that.
+    #[error("light group \"{group}\": factor {value}; expected finite numbers of 0 or more")]
+    Factor {
+        /// Name of the group.
+        group: String,
+        /// The factor.
+        value: f32,
+    },
     /// A coefficient became NaN or infinite.
     #[error("bounce {bounce}, level {level}, function {function}: irradiance is not finite")]
     NotFinite {

@@ -33,6 +33,7 @@ mod operator;
 mod options;
 mod oracle;
 mod paths;
+mod relight;
 mod report;
 mod sight;
 mod sky;
@@ -41,7 +42,9 @@ mod sparse;
 
 pub use absolute::transport_absolute;
 pub use delta::transport_delta;
-pub use direct::{DirectEstimator, DirectLight, DirectOptions, direct_irradiance, project_direct};
+pub use direct::{
+    DirectEstimator, DirectLight, DirectOptions, direct_irradiance, direct_irradiance_by_group, project_direct,
+};
 pub use error::Error;
 pub use estimate::{ErrorEstimate, ErrorProbe, estimate_error};
 pub use final_gather::{CONTACT, FinalGather, FinalGatherOptions, final_gather};
@@ -50,9 +53,11 @@ pub use links::{LinkOptions, LinkPrecision, LinkReport, Linked, LinkedLevel, tra
 pub use operator::LinearOperator;
 pub use options::{Model, TransportOptions};
 pub use oracle::{Detail, Oracle, Threshold};
+pub use relight::{GroupLight, Relighting, Relit, SolvedGroup, weighted_sum};
 pub use report::{BounceReport, Solution, StopReason, TransportReport};
 pub use sight::{LayeredInSight, LayeredNearestInSight, ReadBuffers, Reading, read_in_sight};
 pub use solve::{
-    ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, Unknowns, solve, solve_many, solve_with_gain,
+    ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, System, Unknowns, solve, solve_from,
+    solve_many, solve_with_gain,
 };
-pub use sparse::SparseRows;
+pub use sparse::{SparseParts, SparseRows};

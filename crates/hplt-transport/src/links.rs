@@ -2,15 +2,18 @@ use glam::DVec3;
 use hplt_basis::{
     Absolute, BasisOptions, Coefficients, Coverage, Layered, LayeredScratch, Reconstruction, ShepardBasis, Weight,
 };
-use hplt_geom::{Interrupted, OrientedPoint, PointHierarchy, Progress, RayCaster, Rgb, Scene, parallel};
+use hplt_geom::{Interrupted, LightGroupId, OrientedPoint, PointHierarchy, Progress, RayCaster, Rgb, Scene, parallel};
 use hplt_sampling::random::Stage;
 use hplt_sampling::refined_level;
 
 use crate::gather::{Counter, Groups};
 use crate::paths::{Arrival, PathBuffers, PathSink, PathTracer};
 use crate::sight::nearest_in_sight;
-use crate::solve::{SolveOptions, SolveReport, Unknowns, solve};
-use crate::{Detail, DirectLight, Error, Oracle, SparseRows, Threshold, direct_irradiance};
+use crate::solve::{SolveOptions, SolveReport, System, solve};
+use crate::{
+    Detail, DirectLight, Error, GroupLight, Oracle, SparseRows, Threshold, direct_irradiance,
+    direct_irradiance_by_group,
+};
 
 /// What a link holds of the function that a ray met.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -39,6 +42,8 @@ pub struct LinkOptions {
     pub max_functions: usize,
     /// How the system is solved.
     pub solve: SolveOptions,
+    /// Whether the light of each group of lights is kept apart, for [`Relighting`](crate::Relighting). No ray more is traced.
+    pub by_group: bool,
 }
 
 impl LinkOptions {
@@ -62,6 +67,7 @@ impl LinkOptions {
             precision: LinkPrecision::Nearest,
             max_functions: 4_000_000,
             solve: SolveOptions::default(),
+            by_group: false,
         }
     }
 
@@ -90,6 +96,8 @@ pub struct Linked {
     pub first_bounce: Vec<Rgb>,
     /// The transport operator on flat indices.
     pub links: SparseRows,
+    /// Direct and once reflected light by group of lights; empty unless [`LinkOptions::by_group`].
+    pub groups: Vec<GroupLight>,
     /// What it took.
     pub report: LinkReport,
 }
@@ -156,6 +164,8 @@ pub fn transport_links(
         caster,
         light,
         options,
+        // One group alone is all the light.
+        n_groups: if options.by_group && light.groups().len() > 1 { light.groups().len() } else { 0 },
         progress,
         n_regions,
         basis: ShepardBasis::build(hierarchy, BasisOptions::default()),
@@ -184,6 +194,8 @@ struct State {
     first_bounce: Vec<Rgb>,
     noise: Vec<Rgb>,
     direct: Vec<Rgb>,
+    /// First bounce and direct light of each group that is kept apart.
+    groups: Vec<[Vec<Rgb>; 2]>,
     indirect: Vec<Rgb>,
     escaped: u64,
     coverage: Coverage,
@@ -197,6 +209,8 @@ struct Linker<'a> {
     options: &'a LinkOptions,
     progress: &'a dyn Progress,
     n_regions: usize,
+    /// Groups of lights that are kept apart.
+    n_groups: usize,
     basis: ShepardBasis,
     state: State,
     levels: Vec<LinkedLevel>,
@@ -206,6 +220,8 @@ struct Linker<'a> {
 struct Row {
     links: Vec<(u32, Rgb)>,
     first_bounce: Rgb,
+    /// The same by group of lights.
+    by_group: Vec<Rgb>,
     noise: Rgb,
     escaped: u32,
     coverage: Coverage,
@@ -314,8 +330,8 @@ impl Linker<'_> {
     /// Gathers all functions of a level.
     fn gather(&mut self, level: usize) -> Result<(), Error> {
         let first = self.basis.flat_index(level, 0);
+        self.gather_direct(level)?;
         let points = self.basis.points(level);
-        self.state.direct.extend(direct_irradiance(self.light, self.caster, points, Stage::Direct, self.progress)?);
         let counter = Counter::new(self.progress, "links", points.len());
         let tracer = PathTracer {
             scene: self.scene,
@@ -333,10 +349,25 @@ impl Linker<'_> {
         for row in rows {
             self.state.rows.push(row.links);
             self.state.first_bounce.push(row.first_bounce);
+            self.state.groups.iter_mut().zip(row.by_group).for_each(|(group, e)| group[0].push(e));
             self.state.noise.push(row.noise);
             self.state.escaped += u64::from(row.escaped);
             self.state.coverage += row.coverage;
         }
+        Ok(())
+    }
+
+    fn gather_direct(&mut self, level: usize) -> Result<(), Interrupted> {
+        let points = self.basis.points(level);
+        let (light, caster, progress) = (self.light, self.caster, self.progress);
+        if self.n_groups == 0 {
+            self.state.direct.extend(direct_irradiance(light, caster, points, Stage::Direct, progress)?);
+            return Ok(());
+        }
+        let (sum, by_group) = direct_irradiance_by_group(light, caster, points, Stage::Direct, progress)?;
+        self.state.direct.extend(sum);
+        self.state.groups.resize(self.n_groups, Default::default());
+        self.state.groups.iter_mut().zip(by_group).for_each(|(group, direct)| group[1].extend(direct));
         Ok(())
     }
 
@@ -351,13 +382,16 @@ impl Linker<'_> {
             layered,
             groups,
             first_bounce: DVec3::ZERO,
+            by_group: vec![DVec3::ZERO; self.n_groups],
             coverage: Coverage::default(),
         };
         let escaped = tracer.trace(receiver, id, paths, &mut sink);
-        let RowSink { groups, first_bounce, coverage, .. } = sink;
+        let RowSink { groups, first_bounce, by_group, coverage, .. } = sink;
+        let mean = |sum: DVec3| (sum / f64::from(tracer.n_rays)).as_vec3();
         Row {
             links: scratch.row.finish(),
-            first_bounce: (first_bounce / f64::from(tracer.n_rays)).as_vec3(),
+            first_bounce: mean(first_bounce),
+            by_group: by_group.into_iter().map(mean).collect(),
             noise: groups.mean_and_noise().1,
             escaped,
             coverage,
@@ -366,19 +400,12 @@ impl Linker<'_> {
 
     fn solve(&mut self) -> Result<(), Error> {
         let operator = self.operator();
-        let components: Vec<u32> = self.points().map(|p| p.region.0).collect();
-        let n0 = self.basis.n_functions(0);
-        let areas: Vec<f32> = self.points().enumerate().map(|(i, p)| if i < n0 { p.area } else { 0.0 }).collect();
-        let unknowns = Unknowns { components: &components, n_components: self.n_regions, areas: &areas };
+        let system = System::of(self.basis.hierarchy());
         let (indirect, report) =
-            solve(&operator, &self.state.first_bounce, &unknowns, &self.options.solve, self.progress)?;
+            solve(&operator, &self.state.first_bounce, &system.unknowns(), &self.options.solve, self.progress)?;
         self.state.indirect = indirect;
         self.state.solve = Some(report);
         Ok(())
-    }
-
-    fn points(&self) -> impl Iterator<Item = &OrientedPoint> {
-        self.basis.hierarchy().levels.iter().flat_map(|level| &level.points)
     }
 
     fn operator(&self) -> SparseRows {
@@ -414,6 +441,7 @@ impl Linker<'_> {
     fn finish(self, is_cut_short: bool) -> Result<Linked, Error> {
         let links = self.operator();
         let (direct, indirect) = (self.coefficients(&self.state.direct), self.coefficients(&self.state.indirect));
+        let groups = self.groups();
         let Self { basis, state, levels, options, .. } = self;
         let report = LinkReport {
             levels,
@@ -425,7 +453,24 @@ impl Linker<'_> {
             solve: state.solve.expect("solved at least once"),
             is_cut_short,
         };
-        Ok(Linked { basis, direct, indirect, first_bounce: state.first_bounce, links, report })
+        Ok(Linked { basis, direct, indirect, first_bounce: state.first_bounce, links, groups, report })
+    }
+
+    fn groups(&self) -> Vec<GroupLight> {
+        let names = self.light.groups().names();
+        if !self.options.by_group || names.is_empty() {
+            return Vec::new();
+        }
+        let group = |name: &String, [first_bounce, direct]: [&Vec<Rgb>; 2]| GroupLight {
+            name: name.clone(),
+            direct: direct.clone(),
+            first_bounce: first_bounce.clone(),
+            solved: None,
+        };
+        match &self.state.groups[..] {
+            [] => vec![group(&names[0], [&self.state.first_bounce, &self.state.direct])],
+            groups => names.iter().zip(groups).map(|(name, [b, d])| group(name, [b, d])).collect(),
+        }
     }
 }
 
@@ -437,6 +482,8 @@ struct RowSink<'a> {
     layered: &'a mut LayeredScratch,
     groups: Groups,
     first_bounce: DVec3,
+    /// The same by group of lights that is kept apart.
+    by_group: Vec<DVec3>,
     coverage: Coverage,
 }
 
@@ -444,6 +491,14 @@ impl PathSink for RowSink<'_> {
     fn add_direct(&mut self, ray: u32, irradiance: Rgb) {
         self.first_bounce += irradiance.as_dvec3();
         self.groups.add(ray, irradiance);
+    }
+
+    fn wants_groups(&self) -> bool {
+        !self.by_group.is_empty()
+    }
+
+    fn add_direct_of(&mut self, group: LightGroupId, irradiance: Rgb) {
+        self.by_group[group.0 as usize] += irradiance.as_dvec3();
     }
 
     fn read(&mut self, arrival: &Arrival) -> bool {

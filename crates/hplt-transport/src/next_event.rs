@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 use hplt_geom::radiometry::{irradiance_from_uniform_radiance, luminance};
-use hplt_geom::{Hit, LightShape, OrientedPoint, Ray, RayCaster, Rgb, offset_origin};
+use hplt_geom::{Hit, LightGroupId, LightShape, OrientedPoint, Ray, RayCaster, Rgb, offset_origin};
 use hplt_sampling::warp;
 
 use crate::DirectLight;
@@ -16,19 +16,42 @@ const LEAST_COSINE: f32 = 0.05;
 pub(crate) struct NextEvents {
     rays: Vec<Ray>,
     brings: Vec<Rgb>,
-    of_point: Vec<u32>,
+    of: Vec<Origin>,
     occluded: Vec<bool>,
     hits: Vec<Hit>,
     guides: Vec<f32>,
+    seen: Vec<(Origin, Rgb)>,
+}
+
+/// Whom a shadow ray serves, and whose light it brings.
+#[derive(Clone, Copy)]
+struct Origin {
+    point: u32,
+    group: LightGroupId,
 }
 
 impl NextEvents {
-    fn push(&mut self, point: usize, ray: Ray, brings: Rgb) {
+    fn clear(&mut self) {
+        self.rays.clear();
+        self.brings.clear();
+        self.of.clear();
+        self.seen.clear();
+    }
+
+    fn push(&mut self, point: usize, group: LightGroupId, ray: Ray, brings: Rgb) {
         if brings != Rgb::ZERO {
             self.rays.push(ray);
             self.brings.push(brings);
-            self.of_point.push(point as u32);
+            self.of.push(Origin { point: point as u32, group });
         }
+    }
+
+    /// What arrived from which group of lights at which point, when [`DirectLight::irradiance_once`] last asked.
+    pub fn arrivals(&self) -> impl Iterator<Item = (usize, LightGroupId, Rgb)> + '_ {
+        let traced = self.of.iter().zip(&self.brings).zip(&self.occluded);
+        let unoccluded = traced.filter(|(_, is_occluded)| !**is_occluded).map(|((of, brings), _)| (*of, *brings));
+        let all = self.seen.iter().copied().chain(unoccluded);
+        all.map(|(of, brings)| (of.point as usize, of.group, brings))
     }
 }
 
@@ -46,11 +69,9 @@ impl DirectLight<'_> {
     ) {
         out.clear();
         out.resize(points.len(), Rgb::ZERO);
-        events.rays.clear();
-        events.brings.clear();
-        events.of_point.clear();
+        events.clear();
         if self.is_by_hemisphere() {
-            self.look_around(caster, points, samples, events, out);
+            self.look_around(caster, points, samples, events);
         }
         for (i, (point, &sample)) in points.iter().zip(samples).enumerate() {
             let origin = offset_origin(point.position, point.normal);
@@ -63,10 +84,8 @@ impl DirectLight<'_> {
         events.occluded.clear();
         events.occluded.resize(events.rays.len(), false);
         caster.trace_occluded(&events.rays, &mut events.occluded);
-        for ((&i, brings), occluded) in events.of_point.iter().zip(&events.brings).zip(&events.occluded) {
-            if !occluded {
-                out[i as usize] += *brings;
-            }
+        for (point, _, brings) in events.arrivals() {
+            out[point] += brings;
         }
     }
 
@@ -90,7 +109,7 @@ impl DirectLight<'_> {
         let target = emitter.point(u, v);
         let kernel = emitter.kernel(point.position, point.normal, target);
         let brings = emitter.exitance(self.scene, u, v) * (kernel / probability);
-        events.push(i, Ray::segment(origin, offset_origin(target, emitter.normal)), brings);
+        events.push(i, emitter.group, Ray::segment(origin, offset_origin(target, emitter.normal)), brings);
     }
 
     fn towards_sky(
@@ -100,11 +119,11 @@ impl DirectLight<'_> {
         sample: Vec2,
         events: &mut NextEvents,
     ) {
-        let Some(environment) = self.scene.environment() else { return };
+        let (Some(environment), Some(group)) = (self.scene.environment(), self.groups.of_environment()) else { return };
         let Some(sampler) = &self.sky else {
             let direction = warp::cosine_hemisphere(sample, point.normal);
             let brings = irradiance_from_uniform_radiance(environment.radiance(direction));
-            return events.push(i, Ray::new(origin, direction), brings);
+            return events.push(i, group, Ray::new(origin, direction), brings);
         };
         // Half of the samples follow the map, half the cosine; each stands for two.
         let again = Vec2::new((2.0 * sample.x).fract(), sample.y);
@@ -114,7 +133,7 @@ impl DirectLight<'_> {
             warp::cosine_hemisphere(again, point.normal)
         };
         let brings = 2.0 * sampler.weighted(environment, direction, point.normal.dot(direction), 1);
-        events.push(i, Ray::new(origin, direction), brings);
+        events.push(i, group, Ray::new(origin, direction), brings);
     }
 
     fn towards_lights(
@@ -124,15 +143,16 @@ impl DirectLight<'_> {
         sample: Vec2,
         events: &mut NextEvents,
     ) {
-        for light in self.scene.lights() {
+        for (k, light) in self.scene.lights().iter().enumerate() {
+            let group = self.groups.of_light(k);
             match light.shape {
                 LightShape::Point { position, intensity } => {
-                    events.push(i, Ray::segment(origin, position), from_point(point, position, intensity));
+                    events.push(i, group, Ray::segment(origin, position), from_point(point, position, intensity));
                 }
                 LightShape::Spot { position, direction, intensity, cos_inner, cos_outer } => {
                     let cos = (point.position - position).normalize_or_zero().dot(direction);
                     let intensity = intensity * LightShape::spot_falloff(cos_inner, cos_outer, cos);
-                    events.push(i, Ray::segment(origin, position), from_point(point, position, intensity));
+                    events.push(i, group, Ray::segment(origin, position), from_point(point, position, intensity));
                 }
                 LightShape::Directional { direction_to_light, irradiance, angular_radius } => {
                     let direction = match angular_radius > 0.0 {
@@ -142,7 +162,7 @@ impl DirectLight<'_> {
                     // The mean cosine over the disc, so that a facing surface receives exactly `irradiance`.
                     let facing = 0.5 * (1.0 + angular_radius.cos());
                     let brings = irradiance * (point.normal.dot(direction).max(0.0) / facing);
-                    events.push(i, Ray::new(origin, direction), brings);
+                    events.push(i, group, Ray::new(origin, direction), brings);
                 }
                 _ => {}
             }
@@ -150,14 +170,7 @@ impl DirectLight<'_> {
     }
 
     /// One cosine-distributed ray per point sees what emits.
-    fn look_around(
-        &self,
-        caster: &dyn RayCaster,
-        points: &[OrientedPoint],
-        samples: &[Vec2],
-        events: &mut NextEvents,
-        out: &mut [Rgb],
-    ) {
+    fn look_around(&self, caster: &dyn RayCaster, points: &[OrientedPoint], samples: &[Vec2], events: &mut NextEvents) {
         events.rays.extend(points.iter().zip(samples).map(|(point, &sample)| {
             let direction = warp::cosine_hemisphere(sample, point.normal);
             Ray::new(offset_origin(point.position, point.normal), direction)
@@ -165,19 +178,22 @@ impl DirectLight<'_> {
         events.hits.clear();
         events.hits.resize(points.len(), Hit::MISS);
         caster.trace_nearest(&events.rays, &mut events.hits);
-        for ((ray, hit), out) in events.rays.iter().zip(&events.hits).zip(out) {
-            *out = self.seen(ray, hit);
+        for (i, (ray, hit)) in events.rays.iter().zip(&events.hits).enumerate() {
+            if let Some((group, brings)) = self.seen(ray, hit) {
+                events.seen.push((Origin { point: i as u32, group }, brings));
+            }
         }
         events.rays.clear();
     }
 
-    /// What arrives along a cosine-distributed ray straight from a light, W/m².
-    pub(crate) fn seen(&self, ray: &Ray, hit: &Hit) -> Rgb {
-        match (hit.is_miss(), self.scene.environment()) {
-            (false, _) => self.scene.exitance(&self.scene.surface_at(hit)),
-            (true, Some(environment)) => irradiance_from_uniform_radiance(environment.radiance(ray.direction)),
-            (true, None) => Rgb::ZERO,
+    /// What arrives along a cosine-distributed ray straight from a light, W/m²; `None` where that does not shine.
+    pub(crate) fn seen(&self, ray: &Ray, hit: &Hit) -> Option<(LightGroupId, Rgb)> {
+        if !hit.is_miss() {
+            let group = self.groups.of_material(self.scene.mesh().material(hit.triangle))?;
+            return Some((group, self.scene.exitance(&self.scene.surface_at(hit))));
         }
+        let group = self.groups.of_environment()?;
+        self.scene.environment().map(|e| (group, irradiance_from_uniform_radiance(e.radiance(ray.direction))))
     }
 }
 

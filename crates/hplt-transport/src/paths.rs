@@ -1,7 +1,7 @@
 //! The paths of one gather: from a receiver to where the field is read.
 
 use glam::Vec2;
-use hplt_geom::{Extent, Hit, OrientedPoint, Ray, RayCaster, Rgb, Scene, SurfacePoint, offset_origin};
+use hplt_geom::{Extent, Hit, LightGroupId, OrientedPoint, Ray, RayCaster, Rgb, Scene, SurfacePoint, offset_origin};
 use hplt_sampling::random::{Stage, Stream, unit_f32};
 use hplt_sampling::{SIGHT_LIFT, free_height, warp};
 
@@ -46,6 +46,16 @@ pub(crate) struct Arrival {
 pub(crate) trait PathSink {
     /// `irradiance` comes straight from lights by way of the path that began with `ray`; the albedos are in it.
     fn add_direct(&mut self, ray: u32, irradiance: Rgb);
+
+    /// Whether [`add_direct_of`](Self::add_direct_of) is to be called too.
+    fn wants_groups(&self) -> bool {
+        false
+    }
+
+    /// What of [`add_direct`](Self::add_direct) comes from that group of lights.
+    fn add_direct_of(&mut self, group: LightGroupId, irradiance: Rgb) {
+        let _ = (group, irradiance);
+    }
 
     /// Reads the field at `arrival`, unless that is no good place to read, which must be fine for a last arrival. Returns whether
     /// it was read; the path goes on where it was not.
@@ -132,6 +142,9 @@ impl PathTracer<'_> {
         self.light.irradiance_once(self.caster, points, samples, events, direct);
         for (direct, arrival) in direct.iter().zip(at.iter()) {
             sink.add_direct(arrival.ray, arrival.throughput * *direct);
+        }
+        if sink.wants_groups() {
+            events.arrivals().for_each(|(i, group, brings)| sink.add_direct_of(group, at[i].throughput * brings));
         }
     }
 

@@ -1,5 +1,9 @@
+mod parts;
+
 use hplt_geom::glam::DVec3;
 use hplt_geom::{Rgb, parallel};
+
+pub use parts::SparseParts;
 
 use crate::LinearOperator;
 

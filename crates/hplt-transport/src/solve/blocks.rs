@@ -1,6 +1,8 @@
 use hplt_geom::glam::DVec3;
+use hplt_geom::parallel;
 
 use super::Unknowns;
+use crate::SparseRows;
 
 /// The unknowns by component: one lane of scalars per component and channel, so that every component is solved as if it
 /// were alone while all share each product.
@@ -45,6 +47,15 @@ impl Blocks {
     /// The component of an unknown.
     pub fn of(&self, unknown: usize) -> usize {
         self.component[unknown] as usize
+    }
+
+    /// The first row with an entry in another component.
+    pub fn joined_by(&self, rows: &SparseRows) -> Option<usize> {
+        if self.component.iter().all(|&c| c == self.component[0]) {
+            return None;
+        }
+        let joins = |i: usize| rows.multiples(i).any(|(j, w)| w != DVec3::ZERO && self.of(i) != self.of(j as usize));
+        parallel::map(rows.n_rows(), || (), |(), i| joins(i)).into_iter().position(|joins| joins)
     }
 
     /// Folds `f(i)` over the unknowns of each component, in order.

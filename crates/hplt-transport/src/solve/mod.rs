@@ -8,14 +8,17 @@ mod gmres;
 mod report;
 mod run;
 mod southwell;
+mod system;
 
 use hplt_geom::glam::DVec3;
 use hplt_geom::{Progress, Rgb};
 
 pub use gain::Gain;
 pub use report::{ComponentReport, SolveReport, SolveStop};
+pub use system::System;
 
 use crate::{Error, LinearOperator};
+pub(crate) use blocks::{Blocks, Lanes};
 use run::Problem;
 
 /// What the solver knows of the unknowns, by flat index.
@@ -141,15 +144,37 @@ pub fn solve_with_gain(
     options: &SolveOptions,
     progress: &dyn Progress,
 ) -> Result<(Vec<Rgb>, SolveReport), Error> {
+    solve_from(g, gain, d, None, options, progress)
+}
+
+/// As [`solve_with_gain`], beginning at `start` when there is one, such as what is known of similar light. A start within the
+/// tolerance costs one sweep, which proves that.
+///
+/// # Errors
+/// As [`solve`]; also when `start` is not finite.
+///
+/// # Panics
+/// When lengths differ.
+pub fn solve_from(
+    g: &dyn LinearOperator,
+    gain: &Gain,
+    d: &[Rgb],
+    start: Option<&[Rgb]>,
+    options: &SolveOptions,
+    progress: &dyn Progress,
+) -> Result<(Vec<Rgb>, SolveReport), Error> {
     options.check()?;
+    assert!(start.is_none_or(|start| start.len() == d.len()), "one value per unknown");
     assert!(d.len() == g.len() && gain.blocks().len() == g.len(), "one value per unknown");
-    if let Some(function) = d.iter().position(|d| !d.is_finite()) {
+    if let Some(function) = d.iter().chain(start.unwrap_or_default()).position(|d| !d.is_finite()) {
+        let function = function % d.len();
         return Err(Error::NotFinite { bounce: 0, level: 0, function });
     }
     let d: Vec<DVec3> = d.iter().map(|d| d.as_dvec3()).collect();
     let problem = Problem::new(g, gain, &d, f64::from(options.tolerance));
     problem.check_finite_solution()?;
-    let (x, report) = run::run(&problem, options, progress);
+    let start = start.map(|start| start.iter().map(|x| x.as_dvec3()).collect());
+    let (x, report) = run::run(&problem, start, options, progress);
     match x.iter().position(|x| !x.is_finite()) {
         Some(function) => Err(Error::NotFinite { bounce: report.sweeps, level: 0, function }),
         None => Ok((x, report)),

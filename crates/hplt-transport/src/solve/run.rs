@@ -148,10 +148,16 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Solves, and checks what it claims with a residual computed afresh.
-pub(crate) fn run(problem: &Problem<'_>, options: &SolveOptions, progress: &dyn Progress) -> (Vec<Rgb>, SolveReport) {
+/// Solves, and checks what it claims with a residual computed afresh. A `start` is checked before anything else is done.
+pub(crate) fn run(
+    problem: &Problem<'_>,
+    start: Option<Vec<DVec3>>,
+    options: &SolveOptions,
+    progress: &dyn Progress,
+) -> (Vec<Rgb>, SolveReport) {
     let mut run = Run::new(options.max_sweeps, progress);
-    let mut x = problem.d.to_vec();
+    let mut has_start = start.is_some();
+    let mut x = start.unwrap_or_else(|| problem.d.to_vec());
     if problem.is_dark() {
         return (vec![Rgb::ZERO; x.len()], empty_report(problem, options.method, SolveStop::NoLight));
     }
@@ -159,6 +165,7 @@ pub(crate) fn run(problem: &Problem<'_>, options: &SolveOptions, progress: &dyn 
     let mut checked: Option<Checked> = None;
     let (best, stop) = loop {
         let halt = match progress.check() {
+            Ok(()) if has_start => None,
             Ok(()) => advance(method, problem, &mut x, &mut run).err(),
             Err(_) => Some(Halt::Interrupted),
         };
@@ -171,6 +178,10 @@ pub(crate) fn run(problem: &Problem<'_>, options: &SolveOptions, progress: &dyn 
         };
         if let Some(stop) = stop_of(problem, &best, halt, &run) {
             break (best, stop);
+        }
+        // A start that is not enough says nothing about the method.
+        if std::mem::take(&mut has_start) {
+            continue;
         }
         if stood_still && !matches!(method, Method::Bounces) && fell_back_after.is_none() {
             fell_back_after = Some(run.sweeps);

@@ -1,0 +1,145 @@
+use hplt_geom::glam::DVec3;
+use hplt_geom::parallel;
+
+use super::{Entry, SparseRows};
+use crate::Error;
+
+/// Row sums beyond this are no albedo, rounding of the rays' shares counted.
+const MAX_ROW_SUM: f64 = 1.0 + 1e-4;
+
+/// The numbers of a [`SparseRows`], as files keep them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SparseParts {
+    /// Columns of the matrix.
+    pub n_columns: u32,
+    /// Entries of each row.
+    pub lengths: Vec<u32>,
+    /// Two words an entry, the low half of each first: step to the right and weight in red, weight in green and in blue.
+    pub entries: Vec<u32>,
+    /// Sums of each row, red, green, blue.
+    pub sums: Vec<f64>,
+}
+
+impl SparseRows {
+    /// The numbers of the matrix.
+    ///
+    /// # Panics
+    /// When a row has more than 2³² - 1 entries.
+    pub fn to_parts(&self) -> SparseParts {
+        let length = |ends: &[u64]| u32::try_from(ends[1] - ends[0]).expect("at most 2^32 - 1 entries a row");
+        let word = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
+        let mut entries = Vec::with_capacity(2 * self.entries.len());
+        for &Entry { step, weight: [r, g, b] } in &self.entries {
+            entries.extend([word(step, r), word(g, b)]);
+        }
+        SparseParts {
+            n_columns: self.n_columns,
+            lengths: self.starts.windows(2).map(length).collect(),
+            entries,
+            sums: self.row_sums.iter().flat_map(|s| s.to_array()).collect(),
+        }
+    }
+
+    /// The matrix of those numbers, to the bit.
+    ///
+    /// # Errors
+    /// [`Error::Links`] when lengths do not agree, a column does not exist or comes twice, or a sum is not one of albedos.
+    pub fn from_parts(parts: &SparseParts) -> Result<Self, Error> {
+        let n_rows = parts.lengths.len();
+        let mut starts = Vec::with_capacity(n_rows + 1);
+        starts.push(0u64);
+        for &length in &parts.lengths {
+            starts.push(starts[starts.len() - 1] + u64::from(length));
+        }
+        let fail = |row, problem| Err(Error::Links { row, problem });
+        if 2 * starts[n_rows] != parts.entries.len() as u64 {
+            return fail(n_rows, "their entries are not as many as the rows say");
+        }
+        if parts.sums.len() != 3 * n_rows {
+            return fail(n_rows, "their sums are not one per row and channel");
+        }
+        let mut rows = Self::new(0);
+        rows.n_columns = parts.n_columns;
+        rows.starts = starts;
+        rows.entries = parts.entries.chunks_exact(2).map(entry).collect();
+        rows.row_sums = parts.sums.chunks_exact(3).map(DVec3::from_slice).collect();
+        rows.scales = parallel::try_map(n_rows, || (), |(), row| rows.checked_scale(row))?;
+        Ok(rows)
+    }
+
+    /// The scale of a row that has none yet.
+    fn checked_scale(&self, row: usize) -> Result<DVec3, Error> {
+        let fail = |problem| Err(Error::Links { row, problem });
+        let sum = self.row_sums[row];
+        if !(sum.is_finite() && sum.min_element() >= 0.0 && sum.max_element() <= MAX_ROW_SUM) {
+            return fail("a row sum is not in [0, 1]");
+        }
+        let (mut stored, mut column) = (DVec3::ZERO, 0u64);
+        for (k, entry) in self.entries[self.starts[row] as usize..self.starts[row + 1] as usize].iter().enumerate() {
+            if k > 0 && entry.step == 0 {
+                return fail("a function comes twice");
+            }
+            column += u64::from(entry.step);
+            if column >= u64::from(self.n_columns) {
+                return fail("there is no such function");
+            }
+            stored += entry.weight();
+        }
+        let is_empty = stored.cmple(DVec3::ZERO);
+        if (is_empty & sum.cmpgt(DVec3::ZERO)).any() {
+            return fail("a row sum is of no entry");
+        }
+        Ok(DVec3::select(is_empty, DVec3::ZERO, sum / stored))
+    }
+}
+
+fn entry(words: &[u32]) -> Entry {
+    let halves = |word: u32| [word as u16, (word >> 16) as u16];
+    let ([step, r], [g, b]) = (halves(words[0]), halves(words[1]));
+    Entry { step, weight: [r, g, b] }
+}
+
+#[cfg(test)]
+mod tests {
+    use hplt_geom::Rgb;
+
+    use super::*;
+
+    fn example() -> SparseRows {
+        let mut g = SparseRows::new(100_000);
+        g.push_row(&[(0, Rgb::new(0.5, 0.1, 0.0)), (7, Rgb::splat(0.3)), (99_999, Rgb::new(0.01, 0.0, 1e-6))]);
+        g.push_row(&[]);
+        g.push_row(&[(70_000, Rgb::new(0.0, 0.7, 0.0))]);
+        g
+    }
+
+    #[test]
+    fn a_matrix_returns_to_the_bit() {
+        let g = example();
+        assert_eq!(SparseRows::from_parts(&g.to_parts()).unwrap(), g);
+    }
+
+    #[test]
+    fn parts_that_are_no_links_are_refused() {
+        let refused = |change: &dyn Fn(&mut SparseParts)| {
+            let mut parts = example().to_parts();
+            change(&mut parts);
+            match SparseRows::from_parts(&parts) {
+                Err(Error::Links { row, .. }) => row,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(refused(&|p| p.lengths[0] += 1), 3);
+        assert_eq!(refused(&|p| p.lengths.push(0)), 4);
+        assert_eq!(refused(&|p| drop(p.entries.pop())), 3);
+        assert_eq!(refused(&|p| drop(p.sums.pop())), 3);
+        assert_eq!(refused(&|p| p.n_columns = 99_999), 0);
+        assert_eq!(refused(&|p| p.n_columns = 0), 0);
+        assert_eq!(refused(&|p| p.entries[2] &= 0xffff_0000), 0, "a step of 0");
+        for bad in [f64::NAN, f64::INFINITY, -0.1, 1.01] {
+            assert_eq!(refused(&|p| p.sums[7] = bad), 2, "{bad}");
+        }
+        assert_eq!(refused(&|p| p.sums[6] = 0.1), 2, "red light from no entry");
+        assert_eq!(refused(&|p| p.sums[3] = 0.1), 1, "light from an empty row");
+    }
+}
