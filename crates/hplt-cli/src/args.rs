@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::config::Config;
 use crate::lights::LightSpec;
+use crate::relight::LightChange;
 use crate::sections::{RenderSection, RunSection, SceneSection, SolveSection};
 use crate::values::Fraction;
 
@@ -45,6 +46,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Light a scene and keep the solution (.hplt)
     Solve(SolveArgs),
+    /// Change the lights of a kept solution: no rays, no scene file
+    Relight(RelightArgs),
     /// Light a scene and write the irradiance at given points (.csv)
     Points(PointsArgs),
     /// Draw random points on the surface that light can reach (.csv)
@@ -65,6 +68,7 @@ impl Command {
         match self {
             Self::Render(a) => &a.common.output,
             Self::Solve(a) => &a.common.output,
+            Self::Relight(a) => &a.output_flags,
             Self::Points(a) => &a.common.output,
             Self::SamplePoints(a) => &a.common.output,
             Self::Reference(a) => &a.common.output,
@@ -132,19 +136,21 @@ impl Common {
 
 /// Lights that the scene file lacks.
 #[derive(Args, Debug, Clone, Default)]
-#[command(next_help_heading = "Lights (world units; several of a kind are allowed)")]
+#[command(
+    next_help_heading = "Lights (world units; several of a kind are allowed; NAME is that of their group, see hplt relight)"
+)]
 pub struct LightFlags {
     /// Parallelogram: corner, two edges, radiance in W/(m² sr); it emits along edge1 × edge2 and blocks light
-    #[arg(long, value_name = "X,Y,Z:EX,EY,EZ:FX,FY,FZ:R,G,B", allow_hyphen_values = true, value_parser = LightSpec::parse_rect)]
+    #[arg(long, value_name = "[NAME=]X,Y,Z:EX,EY,EZ:FX,FY,FZ:R,G,B", allow_hyphen_values = true, value_parser = LightSpec::parse_rect)]
     pub rect_light: Vec<LightSpec>,
     /// Sun: direction towards it, irradiance on a surface facing it in W/m², angular radius in degrees (0: parallel light)
-    #[arg(long, value_name = "DX,DY,DZ:R,G,B[:DEGREES]", allow_hyphen_values = true, value_parser = LightSpec::parse_sun)]
+    #[arg(long, value_name = "[NAME=]DX,DY,DZ:R,G,B[:DEGREES]", allow_hyphen_values = true, value_parser = LightSpec::parse_sun)]
     pub sun: Vec<LightSpec>,
     /// Point light: position, radiant intensity in W/sr
-    #[arg(long, value_name = "X,Y,Z:R,G,B", allow_hyphen_values = true, value_parser = LightSpec::parse_point)]
+    #[arg(long, value_name = "[NAME=]X,Y,Z:R,G,B", allow_hyphen_values = true, value_parser = LightSpec::parse_point)]
     pub point_light: Vec<LightSpec>,
     /// The same radiance from every direction, W/(m² sr)
-    #[arg(long, value_name = "R,G,B", allow_hyphen_values = true, value_parser = LightSpec::parse_sky)]
+    #[arg(long, value_name = "[NAME=]R,G,B", allow_hyphen_values = true, value_parser = LightSpec::parse_sky)]
     pub sky: Option<LightSpec>,
     /// Equirectangular picture of radiance (.exr, .hdr): the centre looks along -z, the top is +y
     #[arg(long, value_name = "FILE", conflicts_with = "sky")]
@@ -153,7 +159,7 @@ pub struct LightFlags {
 
 impl LightFlags {
     fn all(&self) -> Vec<LightSpec> {
-        let environment = self.environment.iter().map(|file| LightSpec::Environment { file: file.clone() });
+        let environment = self.environment.iter().map(|file| LightSpec::Environment { name: None, file: file.clone() });
         let listed = self.rect_light.iter().chain(&self.sun).chain(&self.point_light).chain(&self.sky).cloned();
         listed.chain(environment).collect()
     }
@@ -191,7 +197,8 @@ Example: solve once, then read the light at points and in a picture
     hplt points room.glb --solution room.hplt --at sensors.csv --out light.csv
     hplt render room.glb --solution room.hplt -o room.png
 
-A solution belongs to its scene, lights included: with another scene or version it is refused with exit code 9.")]
+A solution belongs to its scene, lights included: with another scene or version it is refused with exit code 9. With
+--keep-links or --all-groups its lights can be changed by hplt relight; they must be on when it is solved.")]
 pub struct SolveArgs {
     /// Scene file, or gen:NAME
     pub scene: String,
@@ -201,8 +208,48 @@ pub struct SolveArgs {
     /// Also write the finest level's points with normal, area and total irradiance
     #[arg(long, value_name = "FILE.ply")]
     pub ply: Option<PathBuf>,
+    /// Keep the links and the light of each group of lights, so that hplt relight can solve for other lights
+    #[arg(long)]
+    pub keep_links: bool,
+    /// Solve for each group of lights and keep the solutions, so that hplt relight is a weighted sum; needs no links
+    #[arg(long)]
+    pub all_groups: bool,
     #[command(flatten)]
     pub common: Common,
+}
+
+/// `hplt relight`
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Example: switch the lamp off and make the sun three times as bright, then look at it
+    hplt solve room.glb --keep-links -o room.hplt
+    hplt relight room.hplt --list
+    hplt relight room.hplt --set lamp=0 --set sun=3 -o evening.hplt
+    hplt render room.glb --solution evening.hplt -o evening.png
+
+Groups that are not set stay as they are in the scene. A factor multiplies the light that the solution was made with: a number,
+three (red, green, blue), or a colour #rgb or #rrggbb (sRGB; white is 1). The relit solution is read with the scene as it was:
+hplt points and hplt render apply its factors to the lights. hplt info lists the groups of a scene.")]
+pub struct RelightArgs {
+    /// File of hplt solve --keep-links or --all-groups
+    pub solution: PathBuf,
+    /// Multiply the lights of a group; may be repeated, once per group
+    #[arg(long, value_name = "GROUP=FACTOR|R,G,B|#RRGGBB", value_parser = LightChange::parse)]
+    pub set: Vec<LightChange>,
+    /// Solution file to write
+    #[arg(short, long, value_name = "FILE.hplt", required_unless_present = "list")]
+    pub output: Option<PathBuf>,
+    /// List the groups of lights and stop
+    #[arg(long)]
+    pub list: bool,
+    /// Solve until the error is below this fraction of the mean [default: as the solution was solved]
+    #[arg(long, value_name = "FRACTION", allow_hyphen_values = true)]
+    pub tolerance: Option<Fraction>,
+    /// Threads; results do not depend on it [default: one per processor]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    #[command(flatten)]
+    pub output_flags: OutputFlags,
 }
 
 /// `hplt points`

@@ -124,6 +124,7 @@ mod tests {
         eye = [1, 2.5, 3]
         [[light]]
         kind = "sun"
+        name = "morning"
         direction = [0.15, 1, 0.12]
         irradiance = [10, 10, 10]
         angular_radius = 0.27
@@ -138,7 +139,8 @@ mod tests {
         assert_eq!(config.solve.preset, Some(Preset::Preview));
         assert_eq!(config.solve.radius, Some(Radius::OfDiagonal(0.085)));
         assert_eq!(config.light.len(), 2);
-        assert!(matches!(&config.light[1], LightSpec::Environment { file } if file.is_absolute()));
+        assert!(matches!(&config.light[0], LightSpec::Sun { name: Some(name), .. } if name == "morning"));
+        assert!(matches!(&config.light[1], LightSpec::Environment { file, .. } if file.is_absolute()));
         assert_eq!(toml::from_str::<Config>(&toml::to_string(&config).unwrap()).unwrap(), config);
     }
 

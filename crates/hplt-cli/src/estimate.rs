@@ -3,6 +3,7 @@
 use hplt_geom::{Scene, TriangleId};
 use serde::Serialize;
 
+use crate::kept::Keep;
 use crate::settings::Settings;
 use crate::values::{Radius, human_bytes};
 
@@ -28,6 +29,9 @@ pub struct Estimate {
     pub parts: Vec<(&'static str, u64)>,
     /// Seconds, about.
     pub seconds: f64,
+    /// Links that a function has at most.
+    #[serde(skip)]
+    rays_per_function: f64,
 }
 
 impl Estimate {
@@ -63,7 +67,8 @@ impl Estimate {
         let gathers = GATHERED_SHARE * n * f64::from(settings.transport.n_rays);
         let shadow_rays = finest * 32.0;
         let seconds = (gathers + shadow_rays) / (RAYS_PER_SECOND * threads);
-        Self { points_per_level, parts, seconds }
+        let rays_per_function = f64::from(settings.transport.n_rays);
+        Self { points_per_level, parts, seconds, rays_per_function }
     }
 
     /// Points on all levels.
@@ -74,6 +79,13 @@ impl Estimate {
     /// Bytes of all parts.
     pub fn memory(&self) -> u64 {
         self.parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.1))
+    }
+
+    /// Bytes of a solution file for what it keeps of links and groups of lights.
+    pub fn bytes_kept(&self, keep: Keep, n_groups: usize) -> u64 {
+        let of_links = if keep.links { 8.0 * self.rays_per_function } else { 0.0 };
+        let of_groups = (if keep.all_groups { 36.0 } else { 24.0 }) * n_groups as f64;
+        (GATHERED_SHARE * self.points() as f64 * (of_links + of_groups)) as u64
     }
 
     /// `geometry 3 kB, textures 0 B, …`

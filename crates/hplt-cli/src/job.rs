@@ -5,7 +5,7 @@ use hplt_geom::{Bvh, BvhOptions, Extent, OrientedPoint, PointHierarchy, Progress
 use hplt_sampling::random::Stage;
 use hplt_sampling::{HierarchyOptions, Regions, free_height, poisson_hierarchy, random_surface_points};
 use hplt_transport::{
-    DirectLight, DirectOptions, ErrorProbe, Linked, Model, StopReason, direct_irradiance, project_direct,
+    DirectLight, DirectOptions, ErrorProbe, LinkOptions, Linked, Model, StopReason, direct_irradiance, project_direct,
     transport_links,
 };
 
@@ -13,6 +13,7 @@ use crate::estimate::Estimate;
 use crate::exit::{Exit, Failure};
 use crate::field::Field;
 use crate::indirect::{Gathered, indirect_light};
+use crate::kept::{Keep, Kept};
 use crate::load::LoadedScene;
 use crate::progress::Reporter;
 use crate::report::{LevelRow, RunReport};
@@ -40,6 +41,8 @@ pub struct Lit<'s> {
     pub basis: ShepardBasis,
     /// The light.
     pub field: Field,
+    /// What a solution file keeps for changes of light.
+    pub kept: Option<Kept>,
     /// Whether the bounces were cut short by a signal or the time limit: what is left must be quick.
     pub is_cut_short: bool,
 }
@@ -67,6 +70,8 @@ pub struct Run<'r> {
     pub reporter: &'r Reporter,
     /// All values.
     pub settings: &'r Settings,
+    /// What a solve is to keep for changes of light.
+    pub keep: Keep,
     /// What is known about the run so far.
     pub report: RunReport,
 }
@@ -80,7 +85,7 @@ impl<'r> Run<'r> {
             settings: settings.config.clone(),
             ..RunReport::default()
         };
-        Self { reporter, settings, report }
+        Self { reporter, settings, keep: Keep::default(), report }
     }
 
     /// Does `work` as a stage.
@@ -159,7 +164,7 @@ impl<'r> Run<'r> {
             ));
         }
         let is_cut_short = transport.stop == StopReason::Interrupted;
-        let lit = Lit { scene, bvh, regions, basis, field, is_cut_short };
+        let lit = Lit { scene, bvh, regions, basis, field, kept: None, is_cut_short };
         if !is_cut_short && transport.stop != StopReason::NoLight {
             self.measure_error(&lit)?;
         }
@@ -175,17 +180,22 @@ impl<'r> Run<'r> {
         coarsest: PointHierarchy,
     ) -> Result<Lit<'s>, Failure> {
         let (settings, reporter) = (self.settings, self.reporter);
-        let options = settings.links();
+        let (keep, by_group) = (self.keep, self.keep.is_any());
+        let options = LinkOptions { by_group, ..settings.links() };
         let lights = DirectLight::new(scene, DirectOptions { seed: options.seed, ..DirectOptions::projection() });
-        let linked = self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;
+        let mut linked =
+            self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;
         self.report.enter_links(&linked, scene.frame().scale(), reporter.stop());
+        let kept =
+            by_group.then(|| self.stage("light by group", |_| Kept::of(&mut linked, keep, &options.solve, reporter)));
+        let kept = kept.transpose()?;
         let Linked { basis, direct, indirect, .. } = linked;
         self.report.enter_memory("points, trees, parents", basis.memory());
         self.report.enter_memory("regions", regions.memory());
         let field = Field::linked(direct, indirect, settings.reconstruction);
         self.report.enter_memory("coefficients", field.memory());
         let is_cut_short = self.report.stop == "time-limit" || self.report.stop == "interrupted";
-        let lit = Lit { scene, bvh, regions, basis, field, is_cut_short };
+        let lit = Lit { scene, bvh, regions, basis, field, kept, is_cut_short };
         if self.report.stop == "no-light" {
             self.warn_about(&StopReason::NoLight);
         } else if !is_cut_short {

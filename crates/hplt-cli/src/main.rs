@@ -14,6 +14,7 @@ mod generate;
 mod indirect;
 mod info;
 mod job;
+mod kept;
 mod lights;
 mod load;
 mod outputs;
@@ -21,6 +22,7 @@ mod picture;
 mod points;
 mod progress;
 mod reference;
+mod relight;
 mod render;
 mod report;
 mod sample_points;
@@ -81,6 +83,7 @@ fn run(cli: &Cli) -> Result<Ended, Failure> {
         None => demo::run(),
         Some(Command::Render(args)) => render::run(args),
         Some(Command::Solve(args)) => solve::run(args),
+        Some(Command::Relight(args)) => relight::run(args),
         Some(Command::Points(args)) => points::run(args),
         Some(Command::SamplePoints(args)) => sample_points::run(args),
         Some(Command::Reference(args)) => reference::run(args),

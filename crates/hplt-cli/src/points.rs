@@ -53,8 +53,8 @@ pub fn file_output(out: Option<&Path>, as_json: bool) -> Result<Option<&Path>, F
 }
 
 fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Result<Vec<IrradianceRow>, Failure> {
-    let loaded = run.load(&args.scene)?;
-    let Some(scene) = &loaded.scene else {
+    let mut loaded = run.load(&args.scene)?;
+    let Some(scene) = &mut loaded.scene else {
         run.report.converged = true;
         run.report.stop = "no-surface";
         return Ok(rows(sensors, &vec![[Rgb::ZERO; 2]; sensors.len()]));
@@ -64,6 +64,7 @@ fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Res
         None => run.light(scene)?,
     };
     run.check_strict()?;
+    let scene = lit.scene;
     let reach = (args.snap.0 * f64::from(scene.diagonal())) as f32;
     let (placed, points) = run.stage("points onto surfaces", |_| {
         let placed = place(scene, &lit.bvh, sensors, reach);

@@ -34,16 +34,16 @@ pub fn inputs<'a>(scene: &'a str, solution: Option<&'a Path>) -> Vec<&'a Path> {
 }
 
 fn render(run: &mut Run<'_>, args: &RenderArgs) -> Result<(), Failure> {
-    let loaded = run.load(&args.scene)?;
+    let mut loaded = run.load(&args.scene)?;
     let render = run.settings.config.render.clone();
-    let Some(scene) = &loaded.scene else {
+    let Some(scene) = &mut loaded.scene else {
         return write_black(run, args, render.size.unwrap_or(Size { width: 720, height: 540 }));
     };
     let mut lit = match &args.solution {
         Some(path) => solution::light(run, scene, path)?,
         None => run.light(scene)?,
     };
-    let (camera, note) = camera::choose(scene, &lit.bvh, &render)?;
+    let (camera, note) = camera::choose(lit.scene, &lit.bvh, &render)?;
     let size = camera::picture_size(&camera, render.size);
     if !args.common.output.quiet {
         say(&format!("camera    {note}; {size} pixels, {0} x {0} samples each", run.settings.samples));

@@ -1,7 +1,7 @@
 //! A fingerprint of everything in a scene that light depends on.
 
 use hplt_geom::glam::Vec2;
-use hplt_geom::{LightShape, Material, Rgb, Scene, TextureSlot, TriangleId, Wrap};
+use hplt_geom::{LightGroups, LightShape, Material, MaterialId, Rgb, Scene, TextureSlot, TriangleId, Wrap};
 
 /// Sixteen hexadecimal digits: FNV-1a over geometry, materials, textures, lights and environment. Names and cameras do
 /// not count. Two scenes that differ by accident have different fingerprints; it does not resist intent.
@@ -17,6 +17,20 @@ pub fn scene_hash(scene: &Scene) -> String {
         hash.word(map.width() as u64);
         map.pixels().iter().for_each(|p| hash.rgb(*p));
     }
+    format!("{:016x}", hash.0)
+}
+
+/// The same of the names of groups of lights and of what belongs to which.
+pub fn light_groups_hash(groups: &LightGroups, scene: &Scene) -> String {
+    let mut hash = Fnv(0xcbf2_9ce4_8422_2325);
+    for name in groups.names() {
+        hash.word(name.len() as u64);
+        name.bytes().for_each(|b| hash.word(b.into()));
+    }
+    let id = |group: Option<hplt_geom::LightGroupId>| group.map_or(u64::MAX, |g| g.0.into());
+    (0..scene.materials().len() as u32).for_each(|m| hash.word(id(groups.of_material(MaterialId(m)))));
+    (0..scene.lights().len()).for_each(|l| hash.word(id(Some(groups.of_light(l)))));
+    hash.word(id(groups.of_environment()));
     format!("{:016x}", hash.0)
 }
 
@@ -118,6 +132,23 @@ mod tests {
         let mut builder = hplt_reference::scenes::cornell_box();
         change(&mut builder);
         scene_hash(&builder.build(BuildPolicy::default()).unwrap().0)
+    }
+
+    #[test]
+    fn names_of_lights_count_in_the_hash_of_their_groups_alone() {
+        let hashes = |change: &dyn Fn(&mut SceneBuilder)| {
+            let mut builder = hplt_reference::scenes::cornell_box();
+            builder.push_point_light("a", DVec3::splat(0.1), Rgb::ONE);
+            builder.push_point_light("b", DVec3::splat(0.2), Rgb::ONE);
+            change(&mut builder);
+            let scene = builder.build(BuildPolicy::default()).unwrap().0;
+            (scene_hash(&scene), light_groups_hash(&LightGroups::of(&scene), &scene))
+        };
+        let base = hashes(&|_| {});
+        assert_eq!(base, hashes(&|b| b.materials_mut()[0].name = "renamed wall".into()));
+        let renamed = hashes(&|b| b.materials_mut()[3].name = "lamp".into());
+        let merged = hashes(&|b| b.materials_mut()[3].name = "a".into());
+        assert!(renamed.0 == base.0 && renamed.1 != base.1 && merged.0 == base.0 && merged.1 != renamed.1);
     }
 
     #[test]

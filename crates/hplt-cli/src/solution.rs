@@ -4,13 +4,15 @@ use std::path::Path;
 
 use hplt_basis::{BasisOptions, ShepardBasis};
 use hplt_geom::glam::Vec3;
-use hplt_geom::{Extent, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene};
+use hplt_geom::{Extent, LightGroups, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene};
 use hplt_io::{Limits, Section, SectionData, SolutionFile, read_solution};
 use hplt_sampling::Regions;
+use serde_json::json;
 
 use crate::exit::{Exit, Failure};
 use crate::field::Field;
 use crate::job::{Lit, Run};
+use crate::kept;
 use crate::report::LevelRow;
 use crate::sections::{ReconstructionName, Variant};
 
@@ -18,7 +20,7 @@ use crate::sections::{ReconstructionName, Variant};
 const LAYOUT: &str = "1";
 
 /// The content of a solution file for a lit scene.
-pub fn to_file(run: &Run<'_>, lit: &Lit<'_>) -> SolutionFile {
+pub fn to_file(run: &Run<'_>, lit: &mut Lit<'_>) -> SolutionFile {
     let mut metadata = run.metadata();
     metadata.push(("hplt.layout".into(), LAYOUT.into()));
     metadata.push(("hplt.variant".into(), lit.field.variant().name().into()));
@@ -43,31 +45,24 @@ pub fn to_file(run: &Run<'_>, lit: &Lit<'_>) -> SolutionFile {
         push(format!("level{l}.direct"), SectionData::F32(flat(direct.iter().copied())));
         push(format!("level{l}.indirect"), SectionData::F32(flat(indirect.iter().copied())));
     }
-    SolutionFile { metadata, sections }
+    let mut file = SolutionFile { metadata, sections };
+    if let Some(kept) = lit.kept.take() {
+        kept.push_to(&mut file, lit.scene, run.settings.transport.tolerance);
+    }
+    file
 }
 
-/// Light from a solution file instead of a solve.
+/// Light from a solution file instead of a solve. The lights of `scene` are multiplied by the factors of a relit solution.
 ///
 /// # Errors
 /// When the file is damaged, or belongs to another scene, layout or version.
-pub fn light<'s>(run: &mut Run<'_>, scene: &'s Scene, path: &Path) -> Result<Lit<'s>, Failure> {
+pub fn light<'s>(run: &mut Run<'_>, scene: &'s mut Scene, path: &Path) -> Result<Lit<'s>, Failure> {
     let bvh = run.build_bvh(scene);
     let shown = hplt_io::sanitized(&path.to_string_lossy());
     let refuse = |what: String| Failure::new(Exit::Solution, "SOLUTION_MISMATCH", format!("{shown}: {what}"));
     let file = run.stage("read solution", |_| read_solution(path, &Limits::default()))?;
     check_matches(run, &file).map_err(&refuse)?;
-    let levels: usize = number(&file, "hplt.levels").map_err(&refuse)?;
-    if levels > 64 {
-        return Err(refuse(format!("{levels} levels; expected 64 at most")));
-    }
-    let n_regions: u32 = number(&file, "hplt.regions").map_err(&refuse)?;
-    let read = (0..levels).map(|l| read_level(&file, l, n_regions, &refuse)).collect::<Result<Vec<_>, _>>()?;
-    let (mut hierarchy, mut direct, mut indirect) = (Vec::new(), Vec::new(), Vec::new());
-    for (level, d, i) in read {
-        hierarchy.push(level);
-        direct.push(d);
-        indirect.push(i);
-    }
+    let (points, [direct, indirect]) = read_hierarchy(&file, &refuse)?;
     let variant = Variant::from_name(value(&file, "hplt.variant").map_err(&refuse)?)
         .ok_or_else(|| refuse("unknown variant".into()))?;
     let reconstruction = ReconstructionName::from_name(value(&file, "hplt.reconstruction").map_err(&refuse)?)
@@ -75,24 +70,75 @@ pub fn light<'s>(run: &mut Run<'_>, scene: &'s Scene, path: &Path) -> Result<Lit
     let seed = number(&file, "hplt.seed").map_err(&refuse)?;
     let reporter = run.reporter;
     let regions = run.stage("regions", |_| Regions::build(scene, &bvh, seed, reporter))?;
-    if regions.n_regions() != n_regions {
-        return Err(refuse(format!("{n_regions} regions; the scene has {}; solve again", regions.n_regions())));
+    if regions.n_regions() != points.n_regions {
+        let (found, expected) = (points.n_regions, regions.n_regions());
+        return Err(refuse(format!("{found} regions; the scene has {expected}; solve again")));
     }
-    let points = PointHierarchy { levels: hierarchy, n_regions };
+    // Regions are those of the lights that the links were made with, lit or not.
+    let groups = LightGroups::of(scene);
+    if let Some(factors) = kept::factors(&file, &groups, scene).map_err(&refuse)? {
+        scene.scale_lights(&groups, &factors).map_err(|e| refuse(e.to_string()))?;
+        enter_factors(run, groups.names(), &factors);
+    }
+    let scene: &'s Scene = scene;
     let basis = run.stage("basis", |_| ShepardBasis::build(points, BasisOptions::default()));
     let field = Field::from_levels([direct, indirect], variant, reconstruction);
     enter(run, &file, &basis, scene.frame().scale());
     run.report.enter_memory("points, trees, parents", basis.memory());
     run.report.enter_memory("coefficients", field.memory());
-    Ok(Lit { scene, bvh, regions, basis, field, is_cut_short: false })
+    Ok(Lit { scene, bvh, regions, basis, field, kept: None, is_cut_short: false })
+}
+
+/// Notes which lights a relit solution multiplies.
+fn enter_factors(run: &mut Run<'_>, names: &[String], factors: &[Rgb]) {
+    let row = |(name, factor): (&String, &Rgb)| json!({ "name": name, "factor": factor.to_array() });
+    run.report.more.insert("light_groups".into(), names.iter().zip(factors).map(row).collect());
+    let changed = names.iter().zip(factors).filter(|(_, factor)| **factor != Rgb::ONE);
+    let words: Vec<String> = changed.map(|(name, f)| format!("{}={f}", hplt_io::sanitized(name))).collect();
+    if !words.is_empty() {
+        run.report.warnings.push(format!("the lights are changed, as the solution says: {}", words.join(", ")));
+    }
+}
+
+/// The points of a solution file and its light, direct and indirect, by level.
+///
+/// # Errors
+/// When they are damaged.
+pub fn read_hierarchy(
+    file: &SolutionFile,
+    refuse: &impl Fn(String) -> Failure,
+) -> Result<(PointHierarchy, [Vec<Vec<Rgb>>; 2]), Failure> {
+    let levels: usize = number(file, "hplt.levels").map_err(refuse)?;
+    if levels > 64 {
+        return Err(refuse(format!("{levels} levels; expected 64 at most")));
+    }
+    let n_regions: u32 = number(file, "hplt.regions").map_err(refuse)?;
+    let (mut hierarchy, mut direct, mut indirect) = (Vec::new(), Vec::new(), Vec::new());
+    for l in 0..levels {
+        let (level, d, i) = read_level(file, l, n_regions, refuse)?;
+        hierarchy.push(level);
+        direct.push(d);
+        indirect.push(i);
+    }
+    Ok((PointHierarchy { levels: hierarchy, n_regions }, [direct, indirect]))
 }
 
 fn check_matches(run: &Run<'_>, file: &SolutionFile) -> Result<(), String> {
-    for (key, expected, what) in [
-        ("hplt.layout", LAYOUT, "layout"),
-        ("hplt.version", run.report.version, "version of hplt"),
-        ("hplt.scene_hash", &run.report.scene_hash, "scene (lights included) with hash"),
-    ] {
+    check_version(file)?;
+    check_values(file, &[("hplt.scene_hash", &run.report.scene_hash, "scene (lights included) with hash")])
+}
+
+/// Refuses files of another layout or version.
+///
+/// # Errors
+/// In words.
+pub fn check_version(file: &SolutionFile) -> Result<(), String> {
+    let version = env!("CARGO_PKG_VERSION");
+    check_values(file, &[("hplt.layout", LAYOUT, "layout"), ("hplt.version", version, "version of hplt")])
+}
+
+fn check_values(file: &SolutionFile, expected: &[(&str, &str, &str)]) -> Result<(), String> {
+    for &(key, expected, what) in expected {
         let found = value(file, key)?;
         if found != expected {
             let found = hplt_io::sanitized(found);
@@ -172,7 +218,6 @@ fn read_level(
     if let Some(bad) = region.iter().find(|&&r| r >= n_regions) {
         return Err(refuse(format!("level {l}: region {bad}; expected less than {n_regions}")));
     }
-    let vectors = |v: &[f32]| v.chunks_exact(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect::<Vec<_>>();
     let (positions, normals) = (vectors(position), vectors(normal));
     if let Some(i) = normals.iter().position(|v| (v.length() - 1.0).abs() > 1e-3) {
         return Err(refuse(format!("level {l}: normal {i} has length {}; expected 1", normals[i].length())));
@@ -188,15 +233,29 @@ fn read_level(
     Ok((level, vectors(direct), vectors(indirect)))
 }
 
-fn value<'f>(file: &'f SolutionFile, key: &str) -> Result<&'f str, String> {
+/// The value of a key.
+///
+/// # Errors
+/// In words, when there is none.
+pub fn value<'f>(file: &'f SolutionFile, key: &str) -> Result<&'f str, String> {
     file.value(key).ok_or_else(|| format!("has no {key}; expected one"))
 }
 
-fn number<T: std::str::FromStr>(file: &SolutionFile, key: &str) -> Result<T, String> {
+/// The value of a key, as a number.
+///
+/// # Errors
+/// In words, when there is none, or no number.
+pub fn number<T: std::str::FromStr>(file: &SolutionFile, key: &str) -> Result<T, String> {
     let text = value(file, key)?;
     text.parse().map_err(|_| format!("{key} is \"{}\"; expected a number", hplt_io::sanitized(text)))
 }
 
-fn flat(values: impl Iterator<Item = Vec3>) -> Vec<f32> {
+/// Groups of three numbers as vectors.
+pub fn vectors(floats: &[f32]) -> Vec<Vec3> {
+    floats.chunks_exact(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect()
+}
+
+/// The numbers of vectors, one after another.
+pub fn flat(values: impl Iterator<Item = Vec3>) -> Vec<f32> {
     values.flat_map(|v| v.to_array()).collect()
 }

@@ -86,7 +86,6 @@ mod points;
 mod policy;
 mod report;
 pub mod solution;
-#[cfg(any(feature = "png", all(feature = "textures", any(feature = "gltf", feature = "obj"))))]
 mod srgb;
 #[cfg(any(feature = "gltf", feature = "obj"))]
 mod texture;
@@ -114,3 +113,4 @@ pub use points::{
 };
 pub use report::LoadReport;
 pub use solution::{Section, SectionData, SolutionFile, read_solution, write_solution};
+pub use srgb::linear_from_srgb;

@@ -102,7 +102,7 @@ fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Error> {
         .chunks_exact(samples)
         .map(|p| {
             let [r, g, b] = if samples < 3 { [p[0]; 3] } else { [p[0], p[1], p[2]] };
-            Rgb::new(srgb::decode(r), srgb::decode(g), srgb::decode(b))
+            Rgb::new(srgb::linear_from_srgb(r), srgb::linear_from_srgb(g), srgb::linear_from_srgb(b))
         })
         .collect();
     Ok(Image::from_pixels(width as usize, height as usize, pixels))

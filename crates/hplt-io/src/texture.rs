@@ -79,7 +79,7 @@ fn check_size(width: u32, height: u32, is_png: bool, n_bytes: u64, limits: &Limi
 
 #[cfg(feature = "textures")]
 fn summarize(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Option<Decoded> {
-    let table: [f32; 256] = std::array::from_fn(|code| crate::srgb::decode(code as u8));
+    let table: [f32; 256] = std::array::from_fn(|code| crate::srgb::linear_from_srgb(code as u8));
     let mut largest = [0u8; 3];
     let mut least_alpha = u8::MAX;
     let mut sum = [0f64; 3];
@@ -117,8 +117,8 @@ mod tests {
         let mut budget = TextureBudget::default();
         let decoded = decode(&bytes, &Limits::default(), &mut budget).unwrap();
         assert_eq!(decoded.texture.size(), (2, 1));
-        assert_eq!(decoded.brightest, Rgb::new(0.0, 1.0, crate::srgb::decode(188)));
-        assert!((decoded.mean - Rgb::new(0.0, 0.5, crate::srgb::decode(188))).length() < 1e-6);
+        assert_eq!(decoded.brightest, Rgb::new(0.0, 1.0, crate::srgb::linear_from_srgb(188)));
+        assert!((decoded.mean - Rgb::new(0.0, 0.5, crate::srgb::linear_from_srgb(188))).length() < 1e-6);
         assert!((decoded.least_alpha - 0.2).abs() < 1e-6);
         assert_eq!((budget.n_images, budget.bytes), (1, 8));
     }

@@ -87,9 +87,9 @@ impl Relighting {
         &self.groups
     }
 
-    /// The same, given away.
-    pub fn into_groups(self) -> Vec<GroupLight> {
-        self.groups
+    /// Links and groups, given back.
+    pub fn into_parts(self) -> (SparseRows, Vec<GroupLight>) {
+        (self.links, self.groups)
     }
 
     /// Solves for every group alone. From then on a change of light is a weighted sum, which one sweep proves.

@@ -133,7 +133,7 @@ fn a_group_alone_is_the_scene_without_the_other_lights() {
         [(1, DirectEstimator::Lights), (6, DirectEstimator::Lights), (1, DirectEstimator::Hemisphere)]
     {
         let lit = Lit::new(room(cells), estimator);
-        let options = options(1, 1024);
+        let options = options(1, 2048);
         let relighting = relighting(lit.link(&options));
         for (k, name) in NAMES.iter().enumerate() {
             let mut factors = [Rgb::ZERO; 4];
@@ -145,7 +145,7 @@ fn a_group_alone_is_the_scene_without_the_other_lights() {
             let mean = |v: &[Rgb]| v.iter().map(|e| e.as_dvec3()).sum::<DVec3>() / v.len() as f64;
             let ratio = mean(&relit.indirect) / mean(&flat(&truth));
             println!("{cells} {estimator:?} {name}: {ratio}");
-            let tolerance = 0.01;
+            let tolerance = 0.02;
             assert!((ratio - 1.0).abs().max_element() < tolerance, "{name}: {ratio}");
             let direct = mean(&relit.direct) / mean(truth.direct.level(0));
             assert!((direct - 1.0).abs().max_element() < 2.0 * tolerance, "{name}: direct {direct}");
@@ -214,7 +214,7 @@ fn solved_groups_make_a_change_of_light_a_sum() {
     assert!(proved.bound <= 1e-3 && mean_difference(&proved).all(|d| d <= proved.bound + 2e-6));
     assert_eq!(proved.solve.as_ref().unwrap().sweeps, 1);
     // A dark group needs no solution of its own.
-    let mut groups = relighting.into_groups();
+    let (_, mut groups) = relighting.into_parts();
     groups[2].solved = None;
     assert_eq!(weighted_sum(&system, &groups, &factors).unwrap().unwrap().indirect, by_sum.indirect);
 }
@@ -229,7 +229,7 @@ fn bits_do_not_depend_on_threads() {
             let factors = [Rgb::ZERO, Rgb::splat(3.0), Rgb::ONE, Rgb::splat(0.1)];
             let relit = relighting.relight(&factors, &TIGHT, &NoProgress).unwrap();
             relighting.solve_groups(&TIGHT, &NoProgress).unwrap();
-            (relit, relighting.into_groups())
+            (relit, relighting.into_parts())
         })
     };
     assert_eq!(run(1), run(3));
