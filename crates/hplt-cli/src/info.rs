@@ -9,6 +9,7 @@ use crate::args::InfoArgs;
 use crate::estimate::Estimate;
 use crate::exit::Failure;
 use crate::job::Run;
+use crate::light_table::light_table;
 use crate::load::LoadedScene;
 use crate::outputs::to_stdout;
 use crate::sections::RenderSection;
@@ -44,6 +45,9 @@ fn describe(run: &mut Run<'_>, loaded: &LoadedScene) -> String {
     };
     describe_geometry(scene, loaded, &mut line);
     describe_lights(scene, &mut line);
+    let groups = light_table(scene);
+    groups.iter().for_each(|group| line("light group", group.in_words()));
+    run.report.more.insert("light_groups".into(), serde_json::to_value(&groups).unwrap_or_default());
     for (i, camera) in scene.cameras().iter().enumerate() {
         let [x, y, z] = camera.eye.to_array();
         let fov = camera.vertical_fov.to_degrees();

@@ -15,6 +15,7 @@ mod indirect;
 mod info;
 mod job;
 mod kept;
+mod light_table;
 mod lights;
 mod load;
 mod outputs;

@@ -46,6 +46,17 @@ pub fn cone_solid_angle(angle: f64) -> f64 {
     4.0 * std::f64::consts::PI * half * half
 }
 
+/// The power `4πI` of a light of radiant intensity `I` in all directions, W.
+pub fn power_of_point(intensity: Rgb) -> Rgb {
+    intensity * (4.0 * PI)
+}
+
+/// The power of a spot light of radiant intensity `I` up to the inner angle, which falls to 0 at the outer one as the square of a
+/// linear ramp in the cosine: `2πI ((1 - cosθᵢ) + (cosθᵢ - cosθₒ)/3)`, W.
+pub fn power_of_spot(intensity: Rgb, cos_inner: f32, cos_outer: f32) -> Rgb {
+    intensity * (2.0 * PI * ((1.0 - cos_inner) + (cos_inner - cos_outer) / 3.0))
+}
+
 /// The kernel `cosθ cosθ' / (π d²)`, m⁻²: times the sender's exitance and area it is the irradiance that arrives from a
 /// small patch. Zero when either faces away.
 pub fn area_kernel(cos_receiver: f32, cos_sender: f32, distance_squared: f32) -> f32 {

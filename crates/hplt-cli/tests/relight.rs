@@ -1,0 +1,187 @@
+//! Changed lights from the command line: files, factors, and what is refused.
+
+mod common;
+
+use common::{Folder, table};
+use serde_json::Value;
+
+/// A closed box with a lamp of its own, a point light and another lamp on the floor.
+const SCENE: [&str; 5] = [
+    "gen:cornell-closed",
+    "--point-light",
+    "bulb=0.1,0.4,0.2:0.3,0.2,0.1",
+    "--rect-light",
+    "desk lamp=0.45,0.2,0.1:0,0.1,0:0,0,0.1:4,8,2",
+];
+const TIGHT: [&str; 2] = ["--tolerance", "1e-5"];
+const AT: &str = "x,y,z,nx,ny,nz\n0.1,0,0.1,0,1,0\n0.05,0,0.5,0,1,0\n0.28,0.5488,0.1,0,-1,0\n0.3,0.2,0.5592,0,0,-1\n";
+
+fn solve(folder: &Folder, extra: &[&str], name: &str) -> Value {
+    let args = [&["solve"][..], &SCENE, &TIGHT, extra, &["-o", name, "--json", "--force"]].concat();
+    folder.tiny(&args).ok().json()["more"].clone()
+}
+
+/// Direct, indirect and total irradiance at a few points.
+fn light_at(folder: &Folder, scene: &[&str], extra: &[&str]) -> Vec<Vec<f64>> {
+    folder.write("at.csv", AT);
+    let args = [&["points"][..], scene, &TIGHT, &["--at", "at.csv"], extra].concat();
+    let (_, rows) = table(&folder.tiny(&args).ok().stdout);
+    rows.into_iter().map(|row| row[6..].to_vec()).collect()
+}
+
+fn from_solution(folder: &Folder, name: &str) -> Vec<Vec<f64>> {
+    light_at(folder, &SCENE, &["--solution", name])
+}
+
+/// The largest difference over the mean of `b`.
+fn difference(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
+    let flat = |rows: &[Vec<f64>]| rows.concat();
+    let mean = flat(b).iter().sum::<f64>() / flat(b).len() as f64;
+    flat(a).iter().zip(flat(b)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / mean
+}
+
+#[test]
+fn the_same_lights_are_the_same_light_and_the_file_returns_to_the_bit() {
+    let folder = Folder::new();
+    solve(&folder, &[], "plain.hplt");
+    let kept = solve(&folder, &["--keep-links"], "room.hplt");
+    assert_eq!(kept["kept"]["light_groups"], serde_json::json!(["light", "desk lamp", "bulb"]));
+    assert_eq!(kept["file_bytes"], folder.read("room.hplt").len() as u64);
+    let size = kept["kept"]["links_bytes"].as_u64().unwrap() + kept["kept"]["groups_bytes"].as_u64().unwrap();
+    let more = (folder.read("room.hplt").len() - folder.read("plain.hplt").len()) as u64;
+    assert!((size..size + 2000).contains(&more), "{size} {more}");
+    assert_eq!(from_solution(&folder, "room.hplt"), from_solution(&folder, "plain.hplt"));
+    let report = folder.run(&["relight", "room.hplt", "-o", "same.hplt", "--json"]).ok().json();
+    assert!(report["method"] == "solve" && report["sweeps"].as_u64().unwrap() > 1);
+    assert!(report["seconds"]["solve"].as_f64().is_some() && report["bound"].as_f64().unwrap() <= 1e-5);
+    let same = difference(&from_solution(&folder, "same.hplt"), &from_solution(&folder, "room.hplt"));
+    assert!(same < 4e-5, "{same}");
+    folder.run(&["relight", "room.hplt", "-o", "three.hplt", "--threads", "3"]).ok();
+    assert_eq!(folder.read("same.hplt"), folder.read("three.hplt"), "bits do not depend on threads");
+}
+
+#[test]
+fn a_relit_solution_is_read_with_its_lights_direct_and_indirect() {
+    let folder = Folder::new();
+    solve(&folder, &["--keep-links"], "room.hplt");
+    let before = from_solution(&folder, "room.hplt");
+    let relit = |sets: &[&str]| {
+        let flags: Vec<&str> = sets.iter().flat_map(|s| ["--set", s]).collect();
+        folder.run(&[&["relight", "room.hplt", "-o", "new.hplt"], &flags[..]].concat()).ok();
+        from_solution(&folder, "new.hplt")
+    };
+    // Twice the light is twice the light: of solver and of pictures.
+    let twice = relit(&["light=2", "bulb=2", "desk lamp=2"]);
+    let half: Vec<Vec<f64>> = twice.iter().map(|row| row.iter().map(|x| 0.5 * x).collect()).collect();
+    assert!(difference(&half, &before) < 1e-4);
+    // The bulb alone, whose light no choice of samples touches, against the scene that has nothing else; the rays are the same.
+    let bulb = relit(&["light=0", "desk lamp=0", "bulb=1,2,0.5"]);
+    let scaled = [&SCENE[..1], &["--point-light", "bulb=0.1,0.4,0.2:0.3,0.4,0.05"]].concat();
+    let scaled = [&scaled[..], &["--rect-light", "0.45,0.2,0.1:0,0.1,0:0,0,0.1:0,0,0"]].concat();
+    let direct = |rows: &[Vec<f64>]| rows.iter().map(|row| row[..3].to_vec()).collect::<Vec<_>>();
+    let whole = light_at(&folder, &scaled, &[]);
+    // The lamp under the ceiling is on in that scene: only the bulb's share of the direct light is known there.
+    let without_bulb = relit(&["bulb=0", "desk lamp=0"]);
+    let sum: Vec<Vec<f64>> =
+        bulb.iter().zip(&without_bulb).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect();
+    assert!(difference(&direct(&sum), &direct(&whole)) < 2e-2, "{:?} {:?}", direct(&sum), direct(&whole));
+    assert!(difference(&sum, &whole) < 0.05, "{}", difference(&sum, &whole));
+    // Negative control, and darkness.
+    assert!(difference(&bulb, &before) > 0.1);
+    let dark = relit(&["light=0", "desk lamp=0", "bulb=#000"]);
+    assert!(dark.concat().iter().all(|x| *x == 0.0), "{dark:?}");
+    // Colours.
+    let red = relit(&["light=#f00", "desk lamp=1,0,0", "bulb=1,0,0"]);
+    for (red, before) in red.iter().zip(&before) {
+        assert!(red.iter().skip(1).step_by(3).chain(red.iter().skip(2).step_by(3)).all(|x| *x == 0.0));
+        assert!((red[6] / before[6] - 1.0).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn pictures_show_the_changed_lamp_itself() {
+    let folder = Folder::new();
+    let scene = ["gen:cornell"];
+    folder.tiny(&[&["solve"][..], &scene, &["--keep-links", "-o", "room.hplt"]].concat()).ok();
+    folder.run(&["relight", "room.hplt", "--set", "light=4", "-o", "bright.hplt"]).ok();
+    let picture = |solution: &str, name: &str| {
+        let args = [&["render"][..], &scene, &["--solution", solution, "--size", "24x16", "-o", name]].concat();
+        folder.tiny(&args).ok();
+    };
+    picture("room.hplt", "a.exr");
+    picture("bright.hplt", "b.exr");
+    let report = folder.run(&["compare", "b.exr", "a.exr", "--json"]);
+    let ratio = report.json();
+    assert!(
+        (ratio["figures"]["bias"].as_f64().unwrap() - 3.0).abs() < 1e-2,
+        "four times as bright everywhere: {ratio}"
+    );
+}
+
+#[test]
+fn all_groups_need_no_links_and_are_a_sum() {
+    let folder = Folder::new();
+    solve(&folder, &["--keep-links", "--all-groups"], "both.hplt");
+    let kept = solve(&folder, &["--all-groups"], "groups.hplt");
+    assert_eq!(kept["kept"]["links_bytes"], 0);
+    assert!(folder.read("groups.hplt").len() < folder.read("both.hplt").len());
+    let change = ["--set", "light=0.25", "--set", "desk lamp=3", "--json"];
+    let sum = folder.run(&[&["relight", "groups.hplt", "-o", "sum.hplt"], &change[..]].concat()).ok().json();
+    let proved = folder.run(&[&["relight", "both.hplt", "-o", "proved.hplt"], &change[..]].concat()).ok().json();
+    assert_eq!((sum["method"].as_str(), proved["method"].as_str()), (Some("sum"), Some("solve")));
+    assert_eq!((sum["sweeps"].as_u64(), proved["sweeps"].as_u64()), (Some(0), Some(1)));
+    solve(&folder, &["--keep-links"], "links.hplt");
+    folder.run(&[&["relight", "links.hplt", "-o", "solved.hplt"], &change[..]].concat()).ok();
+    let solved = from_solution(&folder, "solved.hplt");
+    for name in ["sum.hplt", "proved.hplt"] {
+        assert!(difference(&from_solution(&folder, name), &solved) < 4e-5, "{name}");
+    }
+}
+
+#[test]
+fn wrong_changes_are_refused_with_the_names_that_there_are() {
+    let folder = Folder::new();
+    solve(&folder, &["--keep-links"], "room.hplt");
+    let ran = folder.run(&["relight", "room.hplt", "--list"]).ok();
+    assert_eq!(ran.stdout, "light\ndesk lamp\nbulb\n");
+    let refused = |set: &[&str]| {
+        let args = [&["relight", "room.hplt", "-o", "new.hplt"], set].concat();
+        folder.run(&args).fails(2, "USAGE").stderr
+    };
+    let unknown = refused(&["--set", "lamp=0"]);
+    assert!(["\"light\"", "\"desk lamp\"", "\"bulb\""].iter().all(|name| unknown.contains(name)), "{unknown}");
+    for bad in ["bulb=-1", "bulb=nan", "bulb=inf", "bulb=1,2", "bulb", "bulb=#12"] {
+        refused(&["--set", bad]);
+    }
+    refused(&["--set", "bulb=1", "--set", "bulb=2"]);
+    refused(&["--threads", "0"]);
+    folder.run(&["relight", "room.hplt", "--set", "bulb=1"]).fails(2, "USAGE");
+    folder.run(&["relight", "room.hplt", "-o", "room.hplt", "--force"]).fails(8, "OUTPUT_REFUSED");
+    folder.run(&["relight", "room.hplt", "--set", "bulb=3e38", "-o", "new.hplt"]).fails(10, "NOT_FINITE");
+    assert_eq!(folder.names(), ["room.hplt"]);
+    folder.run(&["relight", "room.hplt", "-o", "new.hplt"]).ok();
+    folder.run(&["relight", "new.hplt", "-o", "newer.hplt"]).fails(9, "SOLUTION_MISMATCH");
+    solve(&folder, &[], "plain.hplt");
+    folder.run(&["relight", "plain.hplt", "-o", "newer.hplt"]).fails(9, "SOLUTION_NOT_KEPT");
+    let delta = ["solve", "gen:cornell", "--variant", "delta", "--keep-links", "-o", "newer.hplt"];
+    folder.tiny(&delta).fails(2, "USAGE");
+    folder.tiny(&["points", "gen:cornell", "--at", "at.csv", "--solution", "new.hplt"]).fails(3, "FILE_UNREADABLE");
+    folder.write("at.csv", AT);
+    folder.tiny(&["points", "gen:cornell", "--at", "at.csv", "--solution", "new.hplt"]).fails(9, "SOLUTION_MISMATCH");
+    // The same light under other names: factors would go to the wrong lamps.
+    let renamed = SCENE.map(|flag| if flag.starts_with("bulb=") { &flag["bulb=".len()..] } else { flag });
+    let args = [&["points"][..], &renamed, &["--at", "at.csv", "--solution", "new.hplt"]].concat();
+    folder.tiny(&args).fails(9, "SOLUTION_MISMATCH");
+    let args = [&["points"][..], &renamed, &["--at", "at.csv", "--solution", "room.hplt"]].concat();
+    folder.tiny(&args).ok();
+}
+
+#[test]
+fn info_lists_the_groups_with_their_power() {
+    let folder = Folder::new();
+    let ran = folder.run(&[&["info"][..], &SCENE].concat()).ok();
+    assert!(ran.stdout.contains("light group \"desk lamp\": 2 triangles, 0.0100 m2"), "{}", ran.stdout);
+    let report = folder.run(&[&["info"][..], &SCENE, &["--json"]].concat()).ok().json();
+    let power = report["more"]["light_groups"][2]["power"][0].as_f64().unwrap();
+    assert!((power - 4.0 * std::f64::consts::PI * 0.3).abs() < 1e-5, "{power}");
+}
