@@ -53,9 +53,7 @@ pub(crate) trait PathSink {
     }
 
     /// What of [`add_direct`](Self::add_direct) comes from that group of lights.
-    fn add_direct_of(&mut self, group: LightGroupId, irradiance: Rgb) {
-        let _ = (group, irradiance);
-    }
+    fn add_direct_of(&mut self, _group: LightGroupId, _irradiance: Rgb) {}
 
     /// Reads the field at `arrival`, unless that is no good place to read, which must be fine for a last arrival. Returns whether
     /// it was read; the path goes on where it was not.
