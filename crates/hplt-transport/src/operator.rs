@@ -17,6 +17,13 @@ pub trait LinearOperator: Sync {
     /// `out = G x`, the same bits at any thread count.
     fn apply(&self, x: &[DVec3], out: &mut [DVec3]);
 
+    /// As [`apply`](Self::apply), to about single precision, which may be faster: for steps whose outcome an exact product checks.
+    /// Only the rows that `is_wanted` marks count; others may be anything finite.
+    fn apply_roughly(&self, x: &[DVec3], is_wanted: &[bool], out: &mut [DVec3]) {
+        let _ = is_wanted;
+        self.apply(x, out);
+    }
+
     /// `G 1`: the fraction of a uniform light that each unknown receives again.
     fn row_sums(&self) -> Vec<DVec3> {
         let mut sums = vec![DVec3::ZERO; self.len()];

@@ -49,6 +49,11 @@ impl Blocks {
         self.component[unknown] as usize
     }
 
+    /// The weight of an unknown in the mean of its component.
+    pub fn share(&self, unknown: usize) -> f64 {
+        self.share[unknown]
+    }
+
     /// The first row with an entry in another component.
     pub fn joined_by(&self, rows: &SparseRows) -> Option<usize> {
         if self.component.iter().all(|&c| c == self.component[0]) {

@@ -3,7 +3,7 @@ use hplt_geom::{Progress, Rgb};
 
 use super::blocks::{Blocks, Lanes, map2, ratio};
 use super::{Unknowns, bicgstab};
-use crate::{Error, LinearOperator};
+use crate::{Error, LinearOperator, SparseRows};
 
 /// How large an error a residual can hide, per component and channel: what turns `r = d + G x - x` into a bound on `x - f`.
 ///
@@ -20,6 +20,8 @@ pub struct Gain {
     barrier: Barrier,
     min_row_sum: Lanes,
     max_row_sum: Lanes,
+    /// Unknowns that others read, or that means are taken over. The rest follow from them by one sweep.
+    is_read: Vec<bool>,
     sweeps: usize,
 }
 
@@ -58,6 +60,7 @@ impl Gain {
             max_row_sum: blocks.fold(DVec3::ZERO, |max, i| max.max(sums[i])),
             min_row_sum: blocks.fold(DVec3::INFINITY, |min, i| min.min(sums[i])),
             barrier,
+            is_read: is_read(g, &blocks),
             sweeps: 0,
             blocks,
         };
@@ -110,6 +113,11 @@ impl Gain {
         min.is_finite() && min >= WHITE
     }
 
+    /// Unknowns that others read, or that means are taken over. What the rest are before a sweep is of no account.
+    pub(crate) fn is_read(&self) -> &[bool] {
+        &self.is_read
+    }
+
     /// The unknowns by component.
     pub(crate) fn blocks(&self) -> &Blocks {
         &self.blocks
@@ -152,6 +160,12 @@ impl Gain {
         };
         (0..self.blocks.n_components()).map(lane).collect()
     }
+}
+
+fn is_read(g: &dyn LinearOperator, blocks: &Blocks) -> Vec<bool> {
+    let mut is_read = g.rows().map_or_else(|| vec![true; g.len()], SparseRows::read_columns);
+    is_read.iter_mut().enumerate().for_each(|(i, is_read)| *is_read |= blocks.share(i) > 0.0);
+    is_read
 }
 
 impl Barrier {

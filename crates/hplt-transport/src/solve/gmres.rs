@@ -5,6 +5,13 @@ use super::run::{Halt, Problem, Run};
 
 /// Cycles without halving the bound after which the method stands still.
 const PATIENCE: usize = 2;
+/// What rough products leave of the bound that a cycle begins with, at most.
+const ROUGHNESS: f64 = 2e-5;
+/// A residual is looked at when it is expected to be within this factor of the tolerance: far off before the first look, since a
+/// peaked residual becomes a smooth one, whose largest value is smaller.
+const NEAR: [f64; 2] = [300.0, 30.0];
+/// Tolerances finer than this are a matter of rounding.
+const FINEST: f64 = 1e-6;
 
 /// Cycles of at most `restart` steps, until the residual bounds the error well enough, or the method stands still.
 pub(crate) fn advance(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], run: &mut Run<'_>) -> Result<(), Halt> {
@@ -13,6 +20,7 @@ pub(crate) fn advance(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], ru
         let mut r = vec![DVec3::ZERO; x.len()];
         run.product(problem.g, x, &mut r)?;
         r.iter_mut().zip(problem.d).for_each(|(r, d)| *r = *d - *r);
+        problem.keep_read(&mut r);
         run.history.push(problem.relative_residual(&r));
         let end = cycle(problem, restart, x, &r, run);
         n_idle = if end.bound < 0.5 * best { 0 } else { n_idle + 1 };
@@ -32,23 +40,59 @@ struct End {
     halt: Result<(), Halt>,
 }
 
-/// One cycle from `x` with residual `r`.
+/// A residual that was looked at.
+struct Look {
+    norm: Lanes,
+    /// Of the error, relative to the mean.
+    bound: f64,
+    relative_residual: f32,
+}
+
+impl Look {
+    /// What a residual of that norm is expected to say.
+    fn scaled_to(&self, norm: &Lanes) -> (f64, f32) {
+        let factor = norm.iter().zip(&self.norm).map(|(&a, &b)| ratio(a, b).max_element()).fold(0.0, f64::max);
+        (self.bound * factor, self.relative_residual * factor as f32)
+    }
+}
+
+/// One cycle from `x` with residual `r`, of the unknowns that are read.
 fn cycle(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], r: &[DVec3], run: &mut Run<'_>) -> End {
     let mut space = Space::new(problem, r);
     let mut w = vec![DVec3::ZERO; x.len()];
     let mut end = End { bound: f64::INFINITY, is_good: false, halt: Ok(()) };
+    let mut look = Look {
+        norm: space.length.clone(),
+        bound: problem.relative(x, &problem.gain.error(r)).largest(),
+        relative_residual: problem.relative_residual(r),
+    };
+    let mut near = NEAR[0];
+    let is_rough = look.bound * ROUGHNESS < problem.tolerance;
     for step in 0..restart {
-        end.halt = run.product(problem.g, &space.basis[step], &mut w);
+        end.halt = match is_rough {
+            true => run.rough_product(problem, &space.basis[step], &mut w),
+            false => run.product(problem.g, &space.basis[step], &mut w),
+        };
         if end.halt.is_err() {
             break;
         }
+        problem.keep_read(&mut w);
         space.grow(problem, &w);
+        let norm = space.norm();
+        let (expected, relative_residual) = look.scaled_to(&norm);
+        // The residual itself costs as much as all steps so far: it is looked at when it may be small enough.
+        if expected.is_finite() && expected > near * problem.tolerance.max(FINEST) && step + 1 < restart {
+            run.history.push(relative_residual);
+            continue;
+        }
+        near = NEAR[1];
         let residual = space.residual(problem);
-        run.history.push(problem.relative_residual(&residual));
         let mut candidate = x.to_vec();
         space.add_solution(problem, &mut candidate);
         let bounds = problem.relative(&candidate, &problem.gain.error(&residual));
-        (end.bound, end.is_good) = (bounds.largest(), problem.is_enough(&bounds));
+        look = Look { norm, bound: bounds.largest(), relative_residual: problem.relative_residual(&residual) };
+        run.history.push(look.relative_residual);
+        (end.bound, end.is_good) = (look.bound, problem.is_enough(&bounds));
         if end.is_good {
             break;
         }
@@ -141,6 +185,11 @@ impl Space {
         for (y, v) in self.coordinates().iter().zip(&self.basis) {
             problem.blocks.add_scaled(x, y, v);
         }
+    }
+
+    /// The norm of the residual of the solution.
+    fn norm(&self) -> Lanes {
+        self.rhs[self.rhs.len() - 1].iter().map(|r| r.abs()).collect()
     }
 
     /// The residual of the solution, `V (|r| e_1 - H y)`, without another product.

@@ -29,7 +29,7 @@ impl SparseRows {
         let length = |ends: &[u64]| u32::try_from(ends[1] - ends[0]).expect("at most 2^32 - 1 entries a row");
         let word = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
         let mut entries = Vec::with_capacity(2 * self.entries.len());
-        for &Entry { step, weight: [r, g, b] } in &self.entries {
+        for &Entry([step, r, g, b]) in &self.entries {
             entries.extend([word(step, r), word(g, b)]);
         }
         SparseParts {
@@ -76,10 +76,10 @@ impl SparseRows {
         }
         let (mut stored, mut column) = (DVec3::ZERO, 0u64);
         for (k, entry) in self.entries[self.starts[row] as usize..self.starts[row + 1] as usize].iter().enumerate() {
-            if k > 0 && entry.step == 0 {
+            if k > 0 && entry.step() == 0 {
                 return fail("a function comes twice");
             }
-            column += u64::from(entry.step);
+            column += u64::from(entry.step());
             if column >= u64::from(self.n_columns) {
                 return fail("there is no such function");
             }
@@ -96,7 +96,7 @@ impl SparseRows {
 fn entry(words: &[u32]) -> Entry {
     let halves = |word: u32| [word as u16, (word >> 16) as u16];
     let ([step, r], [g, b]) = (halves(words[0]), halves(words[1]));
-    Entry { step, weight: [r, g, b] }
+    Entry::new(step, [r, g, b])
 }
 
 #[cfg(test)]
