@@ -239,6 +239,9 @@ pub struct RelightArgs {
     /// Solution file to write
     #[arg(short, long, value_name = "FILE.hplt", required_unless_present = "list")]
     pub output: Option<PathBuf>,
+    /// Solve anew even where the solution of each group is kept, which one sweep would prove
+    #[arg(long)]
+    pub from_scratch: bool,
     /// List the groups of lights and stop
     #[arg(long)]
     pub list: bool,

@@ -116,7 +116,13 @@ fn work(args: &RelightArgs, reporter: &Reporter) -> Result<Ended, Failure> {
         return list(args, &base);
     }
     let factors = factors(&args.set, &base.kept.groups)?;
-    let Base { file, hierarchy, kept, tolerance } = base;
+    let Base { file, hierarchy, mut kept, tolerance } = base;
+    if args.from_scratch {
+        if kept.links.is_none() {
+            return Err(Failure::usage("--from-scratch needs links; this solution keeps none"));
+        }
+        kept.groups.iter_mut().for_each(|group| group.solved = None);
+    }
     let solve = SolveOptions { tolerance: args.tolerance.map_or(tolerance, |t| t.0 as f32), ..SolveOptions::default() };
     let names: Vec<String> = kept.groups.iter().map(|g| g.name.clone()).collect();
     let n_links = kept.links.as_ref().map_or(0, |l| l.n_entries());
@@ -188,8 +194,7 @@ fn factors(set: &[LightChange], groups: &[GroupLight]) -> Result<Vec<Rgb>, Failu
             return Err(Failure::usage(format!("--set {name}: given twice")));
         }
         let mut is_known = false;
-        for (group, factor) in groups.iter().zip(&mut factors).filter(|(group, _)| group.name == change.group) {
-            debug_assert_eq!(group.name, change.group);
+        for (_, factor) in groups.iter().zip(&mut factors).filter(|(group, _)| group.name == change.group) {
             (*factor, is_known) = (change.factor, true);
         }
         if !is_known {

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Folder, table};
+use hplt_io::{Limits, SectionData, SolutionFile, read_solution, write_solution};
 use serde_json::Value;
 
 /// A closed box with a lamp of its own, a point light and another lamp on the floor.
@@ -130,8 +131,9 @@ fn all_groups_need_no_links_and_are_a_sum() {
     let proved = folder.run(&[&["relight", "both.hplt", "-o", "proved.hplt"], &change[..]].concat()).ok().json();
     assert_eq!((sum["method"].as_str(), proved["method"].as_str()), (Some("sum"), Some("solve")));
     assert_eq!((sum["sweeps"].as_u64(), proved["sweeps"].as_u64()), (Some(0), Some(1)));
-    solve(&folder, &["--keep-links"], "links.hplt");
-    folder.run(&[&["relight", "links.hplt", "-o", "solved.hplt"], &change[..]].concat()).ok();
+    let anew = [&["relight", "both.hplt", "-o", "solved.hplt", "--from-scratch"], &change[..]].concat();
+    assert!(folder.run(&anew).ok().json()["sweeps"].as_u64() > Some(1));
+    folder.run(&["relight", "groups.hplt", "-o", "a.hplt", "--from-scratch"]).fails(2, "USAGE");
     let solved = from_solution(&folder, "solved.hplt");
     for name in ["sum.hplt", "proved.hplt"] {
         assert!(difference(&from_solution(&folder, name), &solved) < 4e-5, "{name}");
@@ -174,6 +176,116 @@ fn wrong_changes_are_refused_with_the_names_that_there_are() {
     folder.tiny(&args).fails(9, "SOLUTION_MISMATCH");
     let args = [&["points"][..], &renamed, &["--at", "at.csv", "--solution", "room.hplt"]].concat();
     folder.tiny(&args).ok();
+}
+
+fn floats<'f>(file: &'f mut SolutionFile, name: &str) -> &'f mut Vec<f32> {
+    match &mut file.sections.iter_mut().find(|s| s.name == name).unwrap().data {
+        SectionData::F32(data) => data,
+        SectionData::U32(_) => panic!("{name} holds integers"),
+    }
+}
+
+fn integers<'f>(file: &'f mut SolutionFile, name: &str) -> &'f mut Vec<u32> {
+    match &mut file.sections.iter_mut().find(|s| s.name == name).unwrap().data {
+        SectionData::U32(data) => data,
+        SectionData::F32(_) => panic!("{name} holds floating point"),
+    }
+}
+
+fn text<'f>(file: &'f mut SolutionFile, key: &str) -> &'f mut String {
+    &mut file.metadata.iter_mut().find(|(k, _)| k == key).unwrap().1
+}
+
+fn truncate_by_one<T>(data: &mut Vec<T>) {
+    data.truncate(data.len() - 1);
+}
+
+type Damage = fn(&mut SolutionFile);
+
+/// Files whose checksums are right and whose content is not, as somebody might make them who means harm.
+#[test]
+fn damaged_links_and_groups_are_refused() {
+    let folder = Folder::new();
+    solve(&folder, &["--keep-links", "--all-groups"], "room.hplt");
+    let good = read_solution(&folder.path("room.hplt"), &Limits::default()).unwrap();
+    let damages: &[(&str, Damage)] = &[
+        ("a function that does not exist", |f| integers(f, "links.entries")[0] |= 0xffff),
+        ("a function twice", |f| integers(f, "links.entries")[2] &= 0xffff_0000),
+        ("one word less", |f| truncate_by_one(integers(f, "links.entries"))),
+        ("one entry less", |f| integers(f, "links.entries").truncate(2)),
+        ("no entries", |f| integers(f, "links.entries").clear()),
+        ("other lengths", |f| integers(f, "links.lengths")[0] += 1),
+        ("huge lengths", |f| integers(f, "links.lengths").fill(u32::MAX)),
+        ("a row less", |f| truncate_by_one(integers(f, "links.lengths"))),
+        ("a sum less", |f| truncate_by_one(integers(f, "links.sums"))),
+        ("sums that are no numbers", |f| integers(f, "links.sums").fill(u32::MAX)),
+        ("negative sums", |f| integers(f, "links.sums")[1] |= 1 << 31),
+        ("sums of more than all light", |f| integers(f, "links.sums")[1] = 0x4000_0000),
+        ("entries of another kind", |f| {
+            let section = f.sections.iter_mut().find(|s| s.name == "links.entries").unwrap();
+            section.data = SectionData::F32(vec![0.0; 2]);
+        }),
+        ("no sums", |f| f.sections.retain(|s| s.name != "links.sums")),
+        ("light that is no number", |f| floats(f, "group1.direct")[3] = f32::NAN),
+        ("infinite light", |f| floats(f, "group0.first_bounce")[3] = f32::INFINITY),
+        ("negative light", |f| floats(f, "group2.first_bounce")[0] = -1.0),
+        ("a solution of other length", |f| truncate_by_one(floats(f, "group2.indirect"))),
+        ("an error of other length", |f| floats(f, "group2.error").push(0.0)),
+        ("an error that is no number", |f| floats(f, "group0.error")[0] = f32::NAN),
+        ("a group without light", |f| f.sections.retain(|s| s.name != "group1.direct")),
+        ("a group without a name", |f| f.metadata.retain(|(k, _)| k != "hplt.light_group1")),
+        ("more groups", |f| *text(f, "hplt.light_groups") = "4".into()),
+        ("many groups", |f| *text(f, "hplt.light_groups") = "18446744073709551615".into()),
+        ("a tolerance that is no number", |f| *text(f, "hplt.solve_tolerance") = "nan".into()),
+        ("another version", |f| *text(f, "hplt.version") = "0.0.0".into()),
+        ("regions that do not exist", |f| integers(f, "level0.region")[0] = 7),
+    ];
+    for (what, damage) in damages {
+        let mut file = good.clone();
+        damage(&mut file);
+        write_solution(&folder.path("bad.hplt"), &file).unwrap();
+        let ran = folder.run(&["relight", "bad.hplt", "-o", "new.hplt"]);
+        assert_eq!(ran.code, Some(9), "{what}: {ran:?}");
+        assert!(ran.stderr.starts_with("error[SOLUTION_") && ran.stderr.lines().count() == 1, "{what}: {ran:?}");
+    }
+    assert_eq!(folder.names(), ["bad.hplt", "room.hplt"]);
+    let bytes = folder.read("room.hplt");
+    for n in [0, 19, bytes.len() / 2, bytes.len() - 1] {
+        folder.write("bad.hplt", &bytes[..n]);
+        folder.run(&["relight", "bad.hplt", "-o", "new.hplt"]).fails(9, "SOLUTION_TRUNCATED");
+    }
+    for at in [200, bytes.len() / 2, bytes.len() - 2000] {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 4;
+        folder.write("bad.hplt", &flipped);
+        assert_eq!(folder.run(&["relight", "bad.hplt", "-o", "new.hplt"]).code, Some(9), "{at}");
+    }
+    write_solution(&folder.path("bad.hplt"), &good).unwrap();
+    folder.run(&["relight", "bad.hplt", "-o", "new.hplt"]).ok();
+}
+
+#[test]
+fn damaged_factors_are_refused_where_a_relit_solution_is_read() {
+    let folder = Folder::new();
+    folder.write("at.csv", AT);
+    solve(&folder, &["--all-groups"], "room.hplt");
+    folder.run(&["relight", "room.hplt", "--set", "bulb=2", "-o", "new.hplt"]).ok();
+    let good = read_solution(&folder.path("new.hplt"), &Limits::default()).unwrap();
+    let read = |name: &str| {
+        let args = [&["points"][..], &SCENE, &["--at", "at.csv", "--solution", name]].concat();
+        folder.tiny(&args)
+    };
+    for bad in ["-1,1,1", "nan,1,1", "1,inf,1", "1,1", "1,1,1,1", "", "x"] {
+        let mut file = good.clone();
+        *text(&mut file, "hplt.light_factor1") = bad.into();
+        write_solution(&folder.path("bad.hplt"), &file).unwrap();
+        read("bad.hplt").fails(9, "SOLUTION_MISMATCH");
+    }
+    let mut file = good;
+    file.metadata.retain(|(key, _)| key != "hplt.light_factor2");
+    write_solution(&folder.path("bad.hplt"), &file).unwrap();
+    read("bad.hplt").fails(9, "SOLUTION_MISMATCH");
+    read("new.hplt").ok();
 }
 
 #[test]
