@@ -1,9 +1,11 @@
 //! Error and run time on the standard scenes.
 
 mod answers;
+mod baseline;
 mod cells;
 mod child;
 mod engines;
+mod evidence;
 mod lit;
 mod machine;
 mod measure;
@@ -20,9 +22,10 @@ use anyhow::{Context, Result, bail};
 use crate::shell::root;
 use child::Hplt;
 use engines::{ENGINES, Engine};
+use evidence::MAX_PAIRS;
 use machine::Machine;
 use measure::{Bench, Effort};
-use scenes::{CASES, Case};
+use scenes::{CASES, Case, Source};
 use table::Report;
 
 /// What to measure.
@@ -53,6 +56,12 @@ pub struct Options {
     /// Seconds after which one run is cut short [default: 900; quick: 40].
     #[arg(long, value_name = "SECONDS")]
     limit: Option<u64>,
+    /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.
+    #[arg(long, value_name = "FILE")]
+    baseline: Option<PathBuf>,
+    /// Pairs of runs beside the baseline [default: 8, the fewest that can prove anything].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=MAX_PAIRS as i64), requires = "baseline")]
+    pairs: Option<u8>,
     /// Measure this binary instead of building one.
     #[arg(long, value_name = "FILE")]
     binary: Option<PathBuf>,
@@ -61,7 +70,7 @@ pub struct Options {
 /// Measures, prints the tables, and writes them to `target/bench/report.md`, `report.json` and `report.csv`.
 ///
 /// # Errors
-/// When something does not build, run or write.
+/// When something does not build, run or write, and when a binary is worse than its baseline.
 pub fn run(options: &Options) -> Result<()> {
     let effort = options.effort()?;
     let machine = Machine::look();
@@ -77,23 +86,44 @@ pub fn run(options: &Options) -> Result<()> {
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let bench = Bench { hplt: &hplt, folder: &folder, effort };
     let scenes_folder = scenes::folder(options.scenes.as_deref());
-    let (cases, engines) = (options.cases(), options.engines());
+    let cases: Vec<(&Case, Source)> =
+        options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
+    match &options.baseline {
+        Some(old) => compare(&bench, &Hplt::found(old)?, &cases, usize::from(options.pairs.unwrap_or(8))),
+        None => tables(&bench, &cases, options, (machine, warnings)),
+    }
+}
+
+fn compare(bench: &Bench<'_>, old: &Hplt, cases: &[(&Case, Source)], n_pairs: usize) -> Result<()> {
+    let (text, findings) = baseline::findings(bench, old, cases, n_pairs)?;
+    println!("{text}");
+    write(bench.folder, "baseline.md", &text)?;
+    write(bench.folder, "baseline.json", &format!("{}\n", serde_json::to_string_pretty(&findings)?))?;
+    baseline::check(&findings)
+}
+
+fn tables(
+    bench: &Bench<'_>,
+    cases: &[(&Case, Source)],
+    options: &Options,
+    (machine, mut warnings): (Machine, Vec<String>),
+) -> Result<()> {
+    let engines = options.engines();
     let mut scenes = Vec::new();
-    for case in &cases {
-        let source = case.source(&scenes_folder);
-        let scene = bench.scene(case, &source, &engines).with_context(|| format!("cannot measure {}", case.title))?;
+    for (case, source) in cases {
+        let scene = bench.scene(case, source, &engines).with_context(|| format!("cannot measure {}", case.title))?;
         for engine in &scene.engines {
             warnings.extend(engine.warnings.iter().map(|w| format!("{}, {}: {w}", scene.title, engine.title)));
         }
         scenes.push(scene);
     }
     let report = Report { machine, mode: options.mode(), scenes, warnings };
-    let published: Vec<_> = cases.iter().map(|case| case.published).collect();
+    let published: Vec<_> = cases.iter().map(|(case, _)| case.published).collect();
     let text = report.markdown(&published);
     println!("{text}");
-    write(&folder, "report.md", &text)?;
-    write(&folder, "report.json", &format!("{}\n", serde_json::to_string_pretty(&report)?))?;
-    write(&folder, "report.csv", &report.csv())
+    write(bench.folder, "report.md", &text)?;
+    write(bench.folder, "report.json", &format!("{}\n", serde_json::to_string_pretty(&report)?))?;
+    write(bench.folder, "report.csv", &report.csv())
 }
 
 fn write(folder: &Path, name: &str, content: &str) -> Result<()> {
