@@ -27,10 +27,6 @@ pub enum Variant {
     V3,
 }
 
-const V3_FLAGS: &[&str] = &["--variant", "absolute", "--reconstruction", "nearest", "--rays", "256"];
-const QUICK_V3_FLAGS: &[&str] =
-    &["--variant", "absolute", "--reconstruction", "nearest", "--rays", "128", "--levels", "4"];
-
 /// All engines, in the order of the tables.
 pub const ENGINES: [Engine; 4] = [
     Engine {
@@ -49,38 +45,44 @@ pub const ENGINES: [Engine; 4] = [
         flags: &[],
         quick_flags: &[],
     },
-    Engine {
-        id: "v1",
-        title: "V1, original",
-        variant: Variant::V1,
-        preset: "slides",
-        flags: &[],
-        quick_flags: &["--levels", "4", "--rays", "128"],
-    },
+    Engine { id: "v1", title: "V1, original", variant: Variant::V1, preset: "slides", flags: &[], quick_flags: &[] },
     Engine {
         id: "v3",
         title: "V3, optimised",
         variant: Variant::V3,
         preset: "slides",
-        flags: V3_FLAGS,
-        quick_flags: QUICK_V3_FLAGS,
+        flags: &["--variant", "absolute", "--reconstruction", "nearest"],
+        quick_flags: &["--variant", "absolute", "--reconstruction", "nearest"],
     },
 ];
 
 impl Engine {
     /// Flags of every command that lights a scene or reads the light.
     pub fn flags(&self, case: &Case, is_quick: bool) -> Vec<String> {
-        let own = if is_quick { self.quick_flags } else { self.flags };
-        self.with_flags(case, own)
+        let of_case = if is_quick { case.quick_slides_flags } else { case.slides_flags };
+        self.with_flags(
+            case,
+            if is_quick { self.quick_flags } else { self.flags },
+            match self.variant {
+                Variant::Links => &[],
+                Variant::V1 => of_case[0],
+                Variant::V3 => of_case[1],
+            },
+        )
     }
 
-    /// The same with other flags in place of its own.
-    pub fn with_flags(&self, case: &Case, own: &[&str]) -> Vec<String> {
+    /// The same at another budget.
+    pub fn flags_at(&self, case: &Case, budget: &[&str]) -> Vec<String> {
+        self.with_flags(case, self.flags, budget)
+    }
+
+    fn with_flags(&self, case: &Case, own: &[&str], more: &[&str]) -> Vec<String> {
         let mut flags = vec!["--preset", self.preset];
         if self.variant != Variant::Links {
             flags.extend(["--threshold", case.slides_threshold]);
         }
         flags.extend(own);
+        flags.extend(more);
         flags.into_iter().map(str::to_owned).collect()
     }
 }
@@ -100,11 +102,18 @@ mod tests {
     }
 
     #[test]
-    fn quick_runs_do_less() {
-        for engine in ENGINES.iter().filter(|e| e.id != "preview") {
-            let [full, quick] = [false, true].map(|quick| engine.flags(&CASES[0], quick).join(" "));
-            assert!(quick.contains("--levels 4 --rays 128") || quick.contains("--rays 128 --levels 4"), "{quick}");
-            assert!(!full.contains("--levels"), "{full}");
+    fn quick_runs_do_less_and_no_flag_comes_twice() {
+        for (engine, case) in ENGINES.iter().flat_map(|e| CASES.iter().map(move |c| (e, c))) {
+            for is_quick in [false, true] {
+                let flags = engine.flags(case, is_quick);
+                let mut names: Vec<&String> = flags.iter().filter(|f| f.starts_with("--")).collect();
+                let n_names = names.len();
+                names.sort();
+                names.dedup();
+                assert_eq!(names.len(), n_names, "{flags:?}");
+                let says_rays = flags.join(" ").contains("--rays");
+                assert!(!is_quick || says_rays || engine.id == "preview", "{flags:?}");
+            }
         }
     }
 }

@@ -39,7 +39,7 @@ impl Effort {
         n_points: 2000,
         reference_error: None,
         n_runs: 3,
-        repeat_seconds: 240.0,
+        repeat_seconds: 120.0,
         limit_seconds: 900,
         gather_rays: 4096,
     };
@@ -50,7 +50,7 @@ impl Effort {
         reference_error: None,
         n_runs: 1,
         repeat_seconds: 0.0,
-        limit_seconds: 40,
+        limit_seconds: 35,
         gather_rays: 1024,
     };
 }

@@ -50,10 +50,10 @@ pub struct Options {
     /// Standard error of the reference at each point, relative [default: by scene].
     #[arg(long, value_name = "FRACTION")]
     reference_error: Option<f64>,
-    /// Runs of every solver [default: 3; quick: 1]. No further one begins once they have taken four minutes.
+    /// Runs of every solver [default: 3; quick: 1]. No further one begins once they have taken two minutes.
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
-    /// Seconds after which one run is cut short [default: 900; quick: 40].
+    /// Seconds after which one run is cut short [default: 900; quick: 35].
     #[arg(long, value_name = "SECONDS")]
     limit: Option<u64>,
     /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.

@@ -13,8 +13,12 @@ pub struct Case {
     pub title: &'static str,
     /// Scene of the published row.
     pub published: &'static Published,
-    /// Threshold of the original variant, W/m².
+    /// Of the published variants: threshold, W/m².
     pub slides_threshold: &'static str,
+    /// Flags of V1 and V3, where the preset does not say or takes too long.
+    pub slides_flags: [&'static [&'static str]; 2],
+    /// The same for quick runs.
+    pub quick_slides_flags: [&'static [&'static str]; 2],
     /// Standard error of the full reference, relative.
     pub reference_error: f64,
     /// The same of the quick one.
@@ -33,6 +37,9 @@ struct File {
     after: &'static str,
 }
 
+const USUAL_SLIDES: [&[&str]; 2] = [&[], &["--rays", "256"]];
+const USUAL_QUICK_SLIDES: [&[&str]; 2] = [&["--levels", "4", "--rays", "128"]; 2];
+
 /// All scenes.
 pub const CASES: [Case; 3] = [
     Case {
@@ -40,6 +47,8 @@ pub const CASES: [Case; 3] = [
         title: "Cornell",
         published: &CORNELL,
         slides_threshold: "0.016",
+        slides_flags: USUAL_SLIDES,
+        quick_slides_flags: USUAL_QUICK_SLIDES,
         reference_error: 0.003,
         quick_reference_error: 0.01,
         quick_reference_paths: 8192,
@@ -52,6 +61,8 @@ pub const CASES: [Case; 3] = [
         title: "Dragon room",
         published: &HAPPY,
         slides_threshold: "0.016",
+        slides_flags: USUAL_SLIDES,
+        quick_slides_flags: USUAL_QUICK_SLIDES,
         reference_error: 0.003,
         quick_reference_error: 0.01,
         quick_reference_paths: 8192,
@@ -64,6 +75,9 @@ pub const CASES: [Case; 3] = [
         title: "Sponza",
         published: &SPONZA,
         slides_threshold: "0.15",
+        // Six levels of Sponza take longer than the time limit.
+        slides_flags: [&["--levels", "2", "--rays", "256"], &["--levels", "4", "--rays", "256"]],
+        quick_slides_flags: [&["--levels", "2", "--rays", "64"], &["--levels", "2", "--rays", "128"]],
         reference_error: 0.008,
         quick_reference_error: 0.02,
         quick_reference_paths: 8192,

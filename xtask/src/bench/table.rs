@@ -132,7 +132,7 @@ const RAY_HEAD: [&str; 8] = [
     "integrals",
     "rays",
     "rays per second",
-    "escaped",
+    "escaped or leaked",
     "uncovered",
     "mean error: interpolated / gathered",
 ];
@@ -306,7 +306,7 @@ fn ray_row(scene: &SceneReport, engine: &EngineReport) -> Vec<String> {
         0 => "0".into(),
         rays => format!("{} ({})", count(n), percent(n as f64 / rays as f64)),
     };
-    let escaped = format!("{}{}", share(engine.escaped), if scene.is_closed { ", leaked" } else { "" });
+    let escaped = if scene.is_closed { format!("leaked: {}", share(engine.escaped)) } else { share(engine.escaped) };
     vec![
         scene.title.clone(),
         engine.title.into(),
@@ -553,6 +553,6 @@ mod tests {
         let mut scene = scene("Cornell", &["v1"]);
         scene.is_closed = true;
         let text = report(vec![scene]).markdown(&[CASES[0].published]);
-        assert!(line(&text, &["750k"]).contains("30.0k (1.00 %), leaked"));
+        assert!(line(&text, &["750k"]).contains("leaked: 30.0k (1.00 %)"));
     }
 }
