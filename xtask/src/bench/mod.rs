@@ -4,11 +4,13 @@ mod answers;
 mod baseline;
 mod cells;
 mod child;
+mod curves;
 mod engines;
 mod evidence;
 mod lit;
 mod machine;
 mod measure;
+mod plot;
 mod published;
 mod scenes;
 mod stats;
@@ -56,6 +58,9 @@ pub struct Options {
     /// Seconds after which one run is cut short [default: 900; quick: 35].
     #[arg(long, value_name = "SECONDS")]
     limit: Option<u64>,
+    /// Draw error against time instead of printing the tables: every variant and the path tracer at five budgets or more.
+    #[arg(long, conflicts_with_all = ["baseline", "engine", "runs"])]
+    curves: bool,
     /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
@@ -88,6 +93,9 @@ pub fn run(options: &Options) -> Result<()> {
     let scenes_folder = scenes::folder(options.scenes.as_deref());
     let cases: Vec<(&Case, Source)> =
         options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
+    if options.curves {
+        return draw_curves(&bench, &cases);
+    }
     match &options.baseline {
         Some(old) => compare(&bench, &Hplt::found(old)?, &cases, usize::from(options.pairs.unwrap_or(8))),
         None => tables(&bench, &cases, options, (machine, warnings)),
@@ -100,6 +108,18 @@ fn compare(bench: &Bench<'_>, old: &Hplt, cases: &[(&Case, Source)], n_pairs: us
     write(bench.folder, "baseline.md", &text)?;
     write(bench.folder, "baseline.json", &format!("{}\n", serde_json::to_string_pretty(&findings)?))?;
     baseline::check(&findings)
+}
+
+fn draw_curves(bench: &Bench<'_>, cases: &[(&Case, Source)]) -> Result<()> {
+    let mut scenes = Vec::new();
+    for (case, source) in cases {
+        scenes.push(curves::measure(bench, case, source).with_context(|| format!("cannot measure {}", case.title))?);
+        // After every scene, since each takes minutes.
+        curves::write(bench.folder, &scenes)?;
+    }
+    let text = curves::write(bench.folder, &scenes)?;
+    println!("{text}");
+    write(bench.folder, "curves.md", &text)
 }
 
 fn tables(

@@ -25,6 +25,8 @@ pub struct Case {
     pub quick_reference_error: f64,
     /// Paths per point at most of the quick one: what a few seconds allow.
     pub quick_reference_paths: u64,
+    /// Whether its published variants have so many functions that curves begin with fewer levels.
+    pub has_many_functions: bool,
     /// Whether no ray can leave it.
     pub is_closed: bool,
     file: Option<File>,
@@ -52,6 +54,7 @@ pub const CASES: [Case; 3] = [
         reference_error: 0.003,
         quick_reference_error: 0.01,
         quick_reference_paths: 8192,
+        has_many_functions: false,
         is_closed: false,
         file: None,
         builtin: "gen:cornell",
@@ -66,6 +69,7 @@ pub const CASES: [Case; 3] = [
         reference_error: 0.003,
         quick_reference_error: 0.01,
         quick_reference_paths: 8192,
+        has_many_functions: false,
         is_closed: true,
         file: Some(File { path: "stanford/dragon_871k.glb", before: "gen:room-with=", after: ":1.5" }),
         builtin: "gen:statue-room",
@@ -81,6 +85,7 @@ pub const CASES: [Case; 3] = [
         reference_error: 0.008,
         quick_reference_error: 0.02,
         quick_reference_paths: 8192,
+        has_many_functions: true,
         is_closed: false,
         file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "" }),
         builtin: "gen:colonnade",
