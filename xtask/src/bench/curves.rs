@@ -17,11 +17,11 @@ use super::stats::median;
 use super::truth::Truth;
 
 /// A path tracer with as many paths per point as given.
-const PATHS: [u32; 6] = [256, 512, 1024, 2048, 4096, 8192];
+const PATHS: [u32; 5] = [256, 512, 1024, 2048, 4096];
 /// Its seed: another than that of the reference, whose own noise it would share.
 const PATHS_SEED: &str = "1";
 /// A budget is run again while all its runs took less than this, seconds, and at most three times.
-const REPEAT_SECONDS: f64 = 6.0;
+const REPEAT_SECONDS: f64 = 4.0;
 
 /// Levels, rays per gather, rays of the final gather.
 type Budget = [u32; 3];
