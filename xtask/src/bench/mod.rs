@@ -2,6 +2,7 @@
 
 mod answers;
 mod baseline;
+mod beside;
 mod cells;
 mod child;
 mod curves;
@@ -13,6 +14,7 @@ mod measure;
 mod plot;
 mod published;
 mod scenes;
+mod sheet;
 mod stats;
 mod table;
 mod truth;

@@ -4,11 +4,13 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use super::cells::{count, csv, figures, percent, seconds, signed_percent, spread, table};
+use super::beside::{GPU_NOTE, PUBLISHED_HEAD, Pair, gpu_rows, published_note, published_rows};
+use super::cells::{count, csv, percent, seconds, signed_percent, spread, table};
 use super::engines::{ENGINES, Variant};
 use super::machine::Machine;
 use super::measure::{EngineReport, Reading, SceneReport, Unfinished};
-use super::published::{Published, Timing};
+use super::published::Published;
+use super::sheet::{CSV_HEAD, csv_row};
 
 /// Everything that is printed.
 #[derive(Debug, Serialize)]
@@ -22,9 +24,6 @@ pub struct Report {
     /// What is doubtful.
     pub warnings: Vec<String>,
 }
-
-/// A scene and what was published of its counterpart.
-type Pair<'r> = (&'r SceneReport, &'r Published);
 
 impl Report {
     /// The document, with the published figures of each scene's counterpart.
@@ -79,16 +78,6 @@ const PARAMETER_NOTE: &str = "Published are the parameters of the slides of 2010
 the Stanford dragon in a closed room takes its place, or a stand-in where the title says so. Their Cornell box and Sponza are other files \
 than ours, with other emitters, so that the same absolute threshold does not mean the same work. Links have levels only where light has \
 detail, read senders from the level that fits the footprint of a ray, and refine at a fraction of the irradiance.";
-const PUBLISHED_HEAD: [&str; 7] = [
-    "scene",
-    "run",
-    "bounces 1 / 2 / 3",
-    "integrals",
-    "transport",
-    "hierarchy + BVH",
-    "mean error: interpolated / gathered",
-];
-const GPU_NOTE: &str = "The kernels for GPUs are not built yet. Published figures of 2010 for later comparison.";
 const ERROR_HEAD: [&str; 11] = [
     "scene",
     "engine",
@@ -139,20 +128,6 @@ const RAY_HEAD: [&str; 8] = [
 const RAY_NOTE: &str = "Gather rays of the transport, over its median time; shadow rays are not in them. The Cornell box is open in front and Sponza above, where rays \
 escape; a closed room loses a ray only through a leak. Uncovered are hits that no function answered.";
 
-fn published_note(variant: Variant) -> String {
-    let ours = match variant {
-        Variant::V1 => "Delta encoding, exact Shepard reconstruction, three bounces; `--preset slides`.",
-        _ => {
-            "Absolute values, approximate nearest neighbours, push-down, three bounces; `--preset slides --variant absolute --reconstruction \
-             nearest` on the CPU."
-        }
-    };
-    format!(
-        "{ours} Published rows are those of the slides of 2010 and no timing that we reproduce: their machine, their rays per gather and \
-         their error were not published."
-    )
-}
-
 fn parameter_rows(pairs: &[Pair<'_>]) -> Vec<Vec<String>> {
     let mut rows = Vec::new();
     for (scene, published) in pairs {
@@ -182,82 +157,6 @@ fn parameter_rows(pairs: &[Pair<'_>]) -> Vec<Vec<String>> {
         rows.push(cells.map(str::to_owned).into());
     }
     rows
-}
-
-fn published_rows(pairs: &[Pair<'_>], variant: Variant) -> Vec<Vec<String>> {
-    let mut rows = Vec::new();
-    for (scene, published) in pairs {
-        if let Some(u) = scene.unfinished.iter().find(|u| variant_of(u.id) == variant) {
-            let run = format!("ours, {}: no result within {} s", u.flags, u.limit_seconds);
-            let cells = [&scene.title, &run, "", "", "", "", ""];
-            rows.push(cells.map(str::to_owned).into());
-            rows.extend(published_cpu_and_gpu(published, variant));
-        }
-        let Some(engine) = scene.engines.iter().find(|e| variant_of(e.id) == variant) else { continue };
-        let bounces: Vec<String> = engine.bounces.iter().map(|b| figures(*b)).collect();
-        let s = &engine.settings;
-        let cut = engine.cut_short_after.map_or(String::new(), |limit| format!(", cut short at {limit} s"));
-        rows.push(vec![
-            scene.title.clone(),
-            format!("ours, {} rays, {} levels{cut}", s.rays, s.levels),
-            format!("{} s", bounces.join(" / ")),
-            count(engine.integrals),
-            seconds(engine.stages.transport),
-            seconds(engine.stages.hierarchy + engine.stages.bvh),
-            errors(engine),
-        ]);
-        rows.extend(published_cpu_and_gpu(published, variant));
-        rows.extend(speedups(published, engine, variant));
-    }
-    rows
-}
-
-/// What stands beside our run of a variant on the CPU.
-fn published_cpu_and_gpu(published: &Published, variant: Variant) -> Vec<Vec<String>> {
-    match variant {
-        Variant::V3 => vec![
-            published_row(published, "published, GPU", &published.v3_gpu),
-            published_row(published, "published, CPU (V1)", &published.v1_cpu),
-        ],
-        _ => vec![published_row(published, "published, CPU", &published.v1_cpu)],
-    }
-}
-
-/// How much faster than the published times; nothing where it was cut short.
-fn speedups(published: &Published, engine: &EngineReport, variant: Variant) -> Option<Vec<String>> {
-    let transport = engine.stages.transport;
-    if engine.cut_short_after.is_some() || transport <= 0.0 {
-        return None;
-    }
-    let cpu = format!("CPU {:.1}x", published.v1_cpu.transport_seconds / transport);
-    let text = match variant {
-        Variant::V3 => format!("{cpu}, GPU {:.2}x", published.v3_gpu.transport_seconds / transport),
-        _ => cpu,
-    };
-    let cells = ["", "published time over ours", "", "", &text, "", ""];
-    Some(cells.map(str::to_owned).into())
-}
-
-fn published_row(published: &Published, run: &str, timing: &Timing) -> Vec<String> {
-    let cells =
-        [published.scene, run, timing.bounces, timing.integrals, timing.transport, "not published", "not published"];
-    cells.map(str::to_owned).into()
-}
-
-fn gpu_rows(pairs: &[Pair<'_>]) -> Vec<Vec<String>> {
-    let of = |(scene, published): &Pair<'_>| {
-        let ours = |run: &str| {
-            let cells = [scene.title.as_str(), run, "not built yet", "", "", "", ""];
-            cells.map(str::to_owned).to_vec()
-        };
-        [
-            ours("ours, V2"),
-            published_row(published, "published, V2", &published.v2_gpu),
-            ours("ours, V3"),
-            published_row(published, "published, V3", &published.v3_gpu),
-        ]
-    };
-    pairs.iter().flat_map(of).collect()
 }
 
 fn error_rows(scene: &SceneReport, engine: &EngineReport) -> Vec<Vec<String>> {
@@ -319,85 +218,13 @@ fn ray_row(scene: &SceneReport, engine: &EngineReport) -> Vec<String> {
     ]
 }
 
-const CSV_HEAD: [&str; 43] = [
-    "scene",
-    "is_stand_in",
-    "triangles",
-    "points",
-    "reference_se_mean",
-    "reference_se_max",
-    "engine",
-    "flags",
-    "functions_l0",
-    "functions_finest",
-    "load_s",
-    "bvh_s",
-    "hierarchy_s",
-    "direct_s",
-    "transport_s",
-    "solve_median_s",
-    "solve_least_s",
-    "solve_most_s",
-    "completion_median_s",
-    "completion_least_s",
-    "completion_most_s",
-    "runs",
-    "processor_s",
-    "peak_memory_bytes",
-    "stop",
-    "integrals",
-    "rays",
-    "rays_per_s",
-    "escaped",
-    "uncovered",
-    "interpolated_mean",
-    "interpolated_median",
-    "interpolated_p95",
-    "interpolated_bias",
-    "interpolated_lit_mean",
-    "interpolated_s",
-    "gather_rays",
-    "gathered_mean",
-    "gathered_median",
-    "gathered_p95",
-    "gathered_bias",
-    "gathered_lit_mean",
-    "gathered_s",
-];
-
-fn csv_row(scene: &SceneReport, engine: &EngineReport) -> Vec<String> {
-    let (s, e) = (&engine.stages, engine);
-    let ends = |of: Option<&u64>| of.copied().unwrap_or(0).to_string();
-    let known = |of: Option<String>| of.unwrap_or_default();
-    let mut cells = vec![scene.id.clone(), scene.is_stand_in.to_string()];
-    cells.extend([scene.triangles, scene.n_points as u64].map(|n| n.to_string()));
-    cells.extend([scene.reference.mean, scene.reference.max].map(|x| x.to_string()));
-    cells.extend([e.id.to_owned(), e.flags.clone()]);
-    cells.extend([ends(e.points_per_level.first()), ends(e.points_per_level.last())]);
-    cells.extend([s.load, s.bvh, s.hierarchy, s.direct, s.transport].map(|x| x.to_string()));
-    for times in [&e.solve, &e.completion] {
-        cells.extend([times.median, times.least, times.most].map(|x| x.to_string()));
-    }
-    cells.push(e.completion.runs.to_string());
-    cells.push(known(e.processor_seconds.map(|x| x.to_string())));
-    cells.push(known(e.peak_memory.map(|x| x.to_string())));
-    cells.push(e.stop.clone());
-    cells.extend([e.integrals, e.rays].map(|n| n.to_string()));
-    cells.push(e.rays_per_second.to_string());
-    cells.extend([e.escaped, e.uncovered].map(|n| n.to_string()));
-    for reading in [&e.interpolated, &e.gathered] {
-        cells.extend(reading.gather_rays.map(|n| n.to_string()));
-        let a = &reading.all;
-        cells.extend([a.mean, a.median, a.p95, a.bias, reading.lit.mean, reading.seconds].map(|x| x.to_string()));
-    }
-    cells
-}
-
-fn variant_of(id: &str) -> Variant {
+/// The published variant that an engine is.
+pub fn variant_of(id: &str) -> Variant {
     ENGINES.iter().find(|e| e.id == id).map_or(Variant::Links, |e| e.variant)
 }
 
-fn errors(engine: &EngineReport) -> String {
+/// Mean errors, interpolated and gathered.
+pub fn errors(engine: &EngineReport) -> String {
     format!("{} / {}", percent(engine.interpolated.all.mean), percent(engine.gathered.all.mean))
 }
 
