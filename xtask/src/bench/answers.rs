@@ -23,6 +23,8 @@ pub struct RunAnswer {
     pub links: Option<Links>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// Effective values.
+    pub settings: Settings,
     /// Figures of single commands.
     #[serde(default)]
     pub more: More,
@@ -35,6 +37,33 @@ pub struct Stage {
     pub stage: String,
     /// How long it took.
     pub seconds: f64,
+}
+
+/// Effective values of a run.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Settings {
+    /// Those of the solver.
+    pub solve: SolveSettings,
+}
+
+/// Effective values of the solver.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(rename_all(deserialize = "kebab-case"))]
+pub struct SolveSettings {
+    /// Levels at most.
+    pub levels: u32,
+    /// Rays per gather.
+    pub rays: u32,
+    /// Levels that senders are read from.
+    pub sender_levels: u32,
+    /// Refinement: irradiance, W/m².
+    pub threshold: f64,
+    /// Refinement: fraction of the irradiance.
+    pub relative_threshold: f64,
+    /// Refinement: standard errors of a gather.
+    pub noise_factor: f64,
+    /// Bounces at most.
+    pub bounces: u32,
 }
 
 /// One level of the hierarchy.
@@ -132,6 +161,11 @@ impl RunAnswer {
         Ok(answer)
     }
 
+    /// Whether a time limit ended it.
+    pub fn is_cut_short(&self) -> bool {
+        self.stop == "time-limit"
+    }
+
     /// Bounces, or sweeps of the solver over links.
     pub fn rounds(&self) -> String {
         match &self.links {
@@ -192,6 +226,8 @@ pub mod tests {
                 { "stage": "points", "seconds": 0.5 }, { "stage": "basis", "seconds": 0.5 },
                 { "stage": "direct light", "seconds": 0.5 }, { "stage": "bounces", "seconds": 1.0 },
                 { "stage": "error estimate", "seconds": 0.5 }],
+            "settings": { "solve": { "levels": 6, "rays": 256, "sender-levels": 3, "threshold": 0.016,
+                "relative-threshold": 0.0, "noise-factor": 0.0, "bounces": 3, "variant": "delta" } },
             "levels": [{ "points": 218, "radius": 0.1 }, { "points": 167_000, "radius": 0.003 }],
             "bounces": [bounce(300), bounce(10)],
         })
@@ -201,6 +237,7 @@ pub mod tests {
     fn figures_come_out_of_the_report() {
         let answer = RunAnswer::parse(&report()).unwrap();
         assert_eq!((answer.integrals(), answer.rays()), (930, 31_000));
+        assert_eq!((answer.settings.solve.levels, answer.settings.solve.sender_levels), (6, 3));
         assert_eq!(answer.seconds_of("points"), 0.5);
         assert_eq!(answer.seconds_of("no such stage"), 0.0);
     }

@@ -1,10 +1,10 @@
 //! The binary `hplt` as a child process: its JSON document and its peak of memory.
 
 use std::io::Read;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
@@ -25,6 +25,8 @@ pub struct Answer {
     pub document: Value,
     /// What it took; nothing where the system does not say.
     pub usage: Usage,
+    /// Wall-clock time from its start to its end.
+    pub wall_seconds: f64,
 }
 
 /// What a process has taken so far.
@@ -47,6 +49,14 @@ impl Hplt {
         let metadata: Value = serde_json::from_str(&text)?;
         let target = metadata["target_directory"].as_str().context("cargo metadata names no target directory")?;
         Ok(Self::at(PathBuf::from(target).join("release").join(format!("hplt{}", std::env::consts::EXE_SUFFIX))))
+    }
+
+    /// The binary at a path, which must be there.
+    ///
+    /// # Errors
+    /// When it is not.
+    pub fn found(path: &Path) -> Result<Self> {
+        Ok(Self::at(path.canonicalize().with_context(|| format!("cannot find {}", path.display()))?))
     }
 
     /// A binary that is there already.
@@ -79,6 +89,7 @@ impl Hplt {
         let shown = show(&command);
         eprintln!("$ {shown}");
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let start = Instant::now();
         let mut child = command.spawn().with_context(|| format!("cannot start {}", self.binary.display()))?;
         let stdout = reader(child.stdout.take());
         let stderr = reader(child.stderr.take());
@@ -89,15 +100,16 @@ impl Hplt {
             if let Some(status) = child.try_wait()? {
                 break status;
             }
-            thread::sleep(Duration::from_millis(10));
+            thread::sleep(Duration::from_millis(5));
         };
+        let wall_seconds = start.elapsed().as_secs_f64();
         let [stdout, stderr] = [stdout, stderr].map(|t| t.join().unwrap_or_default());
         if !status.success() && (also_good.is_none() || status.code() != also_good) {
             bail!("`{shown}` failed: {status}\n{}", stderr.trim_end());
         }
         let document = serde_json::from_str(&stdout)
             .with_context(|| format!("`{shown}` printed no JSON document\n{}", stderr.trim_end()))?;
-        Ok(Answer { document, usage })
+        Ok(Answer { document, usage, wall_seconds })
     }
 }
 

@@ -30,23 +30,47 @@ impl LitError {
     /// # Errors
     /// When a table cannot be read, lacks a column, or has another number of rows.
     pub fn of_files(test: &Path, reference: &Path) -> Result<Self> {
-        let read = |path: &Path| {
-            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-            luminances(&text).with_context(|| format!("{} is no table of irradiance", path.display()))
-        };
         Self::of(&read(test)?, &read(reference)?)
     }
 
     fn of(test: &[f64], reference: &[f64]) -> Result<Self> {
-        if test.len() != reference.len() {
-            bail!("{} points against {} of the reference", test.len(), reference.len());
-        }
-        let floor = FLOOR * reference.iter().sum::<f64>() / reference.len().max(1) as f64;
+        check_lengths(test, reference)?;
+        let floor = floor(reference);
         let lit = test.iter().zip(reference).filter(|(_, r)| **r >= floor && **r > 0.0);
         let errors: Vec<f64> = lit.map(|(t, r)| (t - r).abs() / r).collect();
         let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
         Ok(Self { mean, n_lit: errors.len(), n_dark: reference.len() - errors.len() })
     }
+}
+
+/// Relative error at every point of a table, with the floor of all relative errors.
+///
+/// # Errors
+/// As [`LitError::of_files`].
+pub fn relative_errors(test: &Path, reference: &Path) -> Result<Vec<f64>> {
+    relative(&read(test)?, &read(reference)?)
+}
+
+fn relative(test: &[f64], reference: &[f64]) -> Result<Vec<f64>> {
+    check_lengths(test, reference)?;
+    let floor = floor(reference).max(f64::MIN_POSITIVE);
+    Ok(test.iter().zip(reference).map(|(t, r)| (t - r).abs() / r.max(floor)).collect())
+}
+
+fn floor(reference: &[f64]) -> f64 {
+    FLOOR * reference.iter().sum::<f64>() / reference.len().max(1) as f64
+}
+
+fn check_lengths(test: &[f64], reference: &[f64]) -> Result<()> {
+    if test.len() != reference.len() {
+        bail!("{} points against {} of the reference", test.len(), reference.len());
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<Vec<f64>> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    luminances(&text).with_context(|| format!("{} is no table of irradiance", path.display()))
 }
 
 /// Luminance of the total irradiance, row by row.
@@ -78,6 +102,13 @@ mod tests {
         assert!(worse.mean > error.mean);
         assert!(LitError::of(&[1.0], &reference).is_err());
         assert_eq!(LitError::of(&[0.0], &[0.0]).unwrap().n_lit, 0);
+    }
+
+    #[test]
+    fn dark_points_are_measured_against_the_floor() {
+        let errors = relative(&[1.1, 0.02], &[1.0, 0.0]).unwrap();
+        assert!((errors[0] - 0.1).abs() < 1e-12 && (errors[1] - 4.0).abs() < 1e-12, "{errors:?}");
+        assert!(relative(&[1.0], &[]).is_err());
     }
 
     #[test]

@@ -5,112 +5,154 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
-use super::answers::{Figures, RunAnswer, StandardError};
-use super::child::{Hplt, NOT_CONVERGED};
+use super::answers::{Figures, RunAnswer, SolveSettings};
+use super::child::{Answer, Hplt, NOT_CONVERGED};
+use super::engines::Engine;
 use super::lit::LitError;
 use super::scenes::{Case, Source};
-use super::truth::{self, Truth};
-
-/// Rays of a final gather.
-pub const GATHER_RAYS: u32 = 4096;
+use super::stats::{Spread, median};
+use super::truth::{self, Truth, Wanted};
 
 /// How much work to do.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Effort {
-    /// Whether the quick values of a case are meant.
+    /// Whether the quick values of cases and engines are meant.
     pub is_quick: bool,
     /// Points per scene.
     pub n_points: usize,
     /// Standard error of the reference, in place of the one of the case.
     pub reference_error: Option<f64>,
-    /// Runs of the solver.
+    /// Runs of every solver, if they fit `repeat_seconds`.
     pub n_runs: usize,
-    /// Whether the original variant is measured too.
-    pub with_slides: bool,
+    /// No run begins once the runs of a solver have taken this long.
+    pub repeat_seconds: f64,
+    /// Seconds after which one run is cut short.
+    pub limit_seconds: u64,
+    /// Rays of the final gather.
+    pub gather_rays: u32,
+}
+
+impl Effort {
+    /// For the tables.
+    pub const FULL: Self = Self {
+        is_quick: false,
+        n_points: 2000,
+        reference_error: None,
+        n_runs: 3,
+        repeat_seconds: 120.0,
+        limit_seconds: 900,
+        gather_rays: 4096,
+    };
+    /// In under three minutes.
+    pub const QUICK: Self = Self {
+        is_quick: true,
+        n_points: 200,
+        reference_error: None,
+        n_runs: 1,
+        repeat_seconds: 0.0,
+        limit_seconds: 35,
+        gather_rays: 1024,
+    };
 }
 
 /// All figures of one scene.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct SceneReport {
+    /// Short name.
+    pub id: String,
     /// Name in tables.
     pub title: String,
-    /// On the command line.
-    pub scene: String,
     /// Whether it takes the place of a file that is not there.
     pub is_stand_in: bool,
+    /// Whether no ray can leave it, so that one that does has leaked.
+    pub is_closed: bool,
     /// Triangles that are lit.
     pub triangles: u64,
-    /// Points per level, coarsest first.
-    pub points_per_level: Vec<u64>,
     /// Points at which errors are measured.
     pub n_points: usize,
     /// How sure the reference is.
-    pub reference: StandardError,
-    /// The optimised variant.
-    pub production: Production,
-    /// The original variant.
-    pub slides: Option<Slides>,
-    /// What the commands warned about.
-    pub warnings: Vec<String>,
+    pub reference: super::answers::StandardError,
+    /// One per way of lighting it.
+    pub engines: Vec<EngineReport>,
+    /// Ways of lighting it that had no result in time.
+    pub unfinished: Vec<Unfinished>,
 }
 
-/// Error of irradiance read from a solution.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Measured {
-    /// Over all points.
-    pub all: Figures,
-    /// Over those where there is light.
-    pub lit: LitError,
+/// A way of lighting a scene that had no result when its time was over.
+#[derive(Debug, Clone, Serialize)]
+pub struct Unfinished {
+    /// Short name.
+    pub id: &'static str,
+    /// Name in tables.
+    pub title: &'static str,
+    /// On the command line.
+    pub flags: String,
+    /// Its time.
+    pub limit_seconds: u64,
+    /// Largest resident memory until then, bytes.
+    pub peak_memory: Option<u64>,
 }
 
-/// Links, `--preset production`.
+/// All figures of one way to light a scene.
 #[derive(Debug, Serialize)]
-pub struct Production {
-    /// Interpolated.
-    pub interpolated: Measured,
-    /// Through a final gather.
-    pub gathered: Measured,
-    /// Seconds of every run, all stages but writing and the error estimate.
-    pub runs: Vec<f64>,
+pub struct EngineReport {
+    /// Short name.
+    pub id: &'static str,
+    /// Name in tables.
+    pub title: &'static str,
+    /// On the command line.
+    pub flags: String,
+    /// Effective values.
+    pub settings: SolveSettings,
+    /// Points per level, coarsest first.
+    pub points_per_level: Vec<u64>,
+    /// Seconds from the start of the process to its end, writing and its own error estimate included.
+    pub completion: Spread,
+    /// Seconds of all stages but writing and the error estimate.
+    pub solve: Spread,
     /// Median seconds of the stages.
     pub stages: StageSeconds,
-    /// Seconds to interpolate at all points.
-    pub interpolation_seconds: f64,
-    /// Seconds to gather at all points.
-    pub gather_seconds: f64,
+    /// Median seconds on processors, of the whole process, all threads together.
+    pub processor_seconds: Option<f64>,
+    /// Largest resident memory of the process, bytes.
+    pub peak_memory: Option<u64>,
+    /// Median seconds of each bounce.
+    pub bounces: Vec<f64>,
     /// Bounces, or sweeps.
     pub rounds: String,
     /// Why they ended.
     pub stop: String,
+    /// The time limit, where it ended them.
+    pub cut_short_after: Option<u64>,
     /// Gathers.
     pub integrals: u64,
     /// Rays.
     pub rays: u64,
-    /// Rays over the time of the bounces.
+    /// Rays over the median time of transport.
     pub rays_per_second: f64,
     /// Rays that left the scene.
     pub escaped: u64,
     /// Hits that nothing answered.
     pub uncovered: u64,
-    /// Largest resident memory of the solver, bytes.
-    pub peak_memory: Option<u64>,
-    /// Median seconds on processors of the solver: all threads, all stages, writing and the error estimate too.
-    pub processor_seconds: Option<f64>,
+    /// Interpolated.
+    pub interpolated: Reading,
+    /// Through a final gather.
+    pub gathered: Reading,
+    /// What the command warned about.
+    pub warnings: Vec<String>,
 }
 
-/// V1, `--preset slides`.
-#[derive(Debug, Serialize)]
-pub struct Slides {
-    /// Interpolated.
-    pub interpolated: Measured,
-    /// Threshold, W/m².
-    pub threshold: String,
-    /// Seconds of the bounces, in order.
-    pub bounces: Vec<f64>,
-    /// Seconds of all bounces.
-    pub transport: f64,
-    /// Gathers.
-    pub integrals: u64,
+/// Irradiance read from a solution.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Reading {
+    /// Rays of the final gather; `None`: interpolated.
+    pub gather_rays: Option<u32>,
+    /// Error over all points.
+    pub all: Figures,
+    /// Error over those where there is light.
+    pub lit: LitError,
+    /// Seconds for all points, direct light included.
+    pub seconds: f64,
 }
 
 /// Seconds by stage.
@@ -120,11 +162,11 @@ pub struct StageSeconds {
     pub load: f64,
     /// The ray caster.
     pub bvh: f64,
-    /// Points and basis.
+    /// Points and basis; of links the coarsest level alone.
     pub hierarchy: f64,
     /// Direct light.
     pub direct: f64,
-    /// Bounces, or sweeps.
+    /// Bounces, or links: finer levels, rays and sweeps.
     pub transport: f64,
 }
 
@@ -154,83 +196,131 @@ pub struct Bench<'b> {
     pub effort: Effort,
 }
 
+/// The runs of one solver.
+struct Runs {
+    answers: Vec<RunAnswer>,
+    processes: Vec<Answer>,
+}
+
 impl Bench<'_> {
-    /// Measures one scene.
+    /// Measures one scene with every engine.
     ///
     /// # Errors
-    /// When a command fails, and when two runs of the solver differ in anything but time.
-    pub fn row(&self, case: &Case, source: &Source) -> Result<Row> {
-        let solution = self.file(source, "production.hplt");
-        let solve = self.solve_command(source, &["--preset", "production"], &solution);
-        let (mut answers, mut usages) = (Vec::new(), Vec::new());
-        for _ in 0..self.effort.n_runs.max(1) {
-            let answer = self.hplt.ask(&solve, Some(NOT_CONVERGED))?;
-            answers.push(RunAnswer::parse(&answer.document)?);
-            usages.push(answer.usage);
+    /// When a command fails, and when two runs of a solver differ in anything but time.
+    pub fn scene(&self, case: &Case, source: &Source, engines: &[&Engine]) -> Result<SceneReport> {
+        let truth = self.truth(case, source)?;
+        let (mut reports, mut unfinished) = (Vec::new(), Vec::new());
+        for engine in engines {
+            match self.engine(case, source, engine, &truth).with_context(|| engine.title.to_owned())? {
+                Ok(report) => reports.push(report),
+                Err(report) => unfinished.push(report),
+            }
         }
-        check_repeatable(&source.title, &answers)?;
-        let solved = answers[0].clone();
-        let usual = if self.effort.is_quick { case.quick_reference_error } else { case.reference_error };
-        let error = self.effort.reference_error.unwrap_or(usual);
-        let truth =
-            truth::find_or_trace(self.hplt, self.folder, source, &solved.scene_hash, self.effort.n_points, error)?;
-        let (interpolated, interpolation_seconds) =
-            self.read(source, &truth, (&solution, "production"), "interpolated.csv", None)?;
-        let (gathered, gather_seconds) =
-            self.read(source, &truth, (&solution, "production"), "gathered.csv", Some(GATHER_RAYS))?;
-        let slides = self.effort.with_slides.then(|| self.slides(case, source, &truth)).transpose()?;
-        let stages = median_stages(&answers);
-        Ok(Row {
+        Ok(SceneReport {
+            id: source.id.clone(),
             title: source.title.clone(),
-            scene: source.argument.clone(),
             is_stand_in: source.is_stand_in,
-            triangles: solved.triangles,
-            points_per_level: solved.levels.iter().map(|l| l.points).collect(),
+            is_closed: case.is_closed,
+            triangles: truth.triangles,
             n_points: truth.n_points,
             reference: truth.standard_error,
-            production: Production {
-                interpolated,
-                gathered,
-                runs: answers.iter().map(|a| StageSeconds::of(a).total()).collect(),
-                stages,
-                interpolation_seconds,
-                gather_seconds,
-                rounds: solved.rounds(),
-                stop: solved.stop.clone(),
-                integrals: solved.integrals(),
-                rays: solved.rays(),
-                rays_per_second: if stages.transport > 0.0 { solved.rays() as f64 / stages.transport } else { 0.0 },
-                escaped: solved.bounces.iter().map(|b| b.escaped).sum(),
-                uncovered: solved.bounces.iter().map(|b| b.uncovered).sum(),
-                peak_memory: usages.iter().filter_map(|u| u.peak_memory).max(),
-                processor_seconds: median_of(usages.iter().filter_map(|u| u.processor_seconds)),
-            },
-            slides,
-            warnings: solved.warnings,
+            engines: reports,
+            unfinished,
         })
     }
 
-    /// The original variant, with exactly three bounces as published.
-    fn slides(&self, case: &Case, source: &Source, truth: &Truth) -> Result<Slides> {
-        let solution = self.file(source, "slides.hplt");
-        let flags = ["--preset", "slides", "--threshold", case.slides_threshold];
-        let answer = self.hplt.ask(&self.solve_command(source, &flags, &solution), Some(NOT_CONVERGED))?;
-        let solved = RunAnswer::parse(&answer.document)?;
-        let (interpolated, _) = self.read(source, truth, (&solution, "slides"), "slides.csv", None)?;
-        Ok(Slides {
-            interpolated,
-            threshold: case.slides_threshold.into(),
-            bounces: solved.bounces.iter().map(|b| b.seconds).collect(),
-            transport: solved.seconds_of("bounces"),
+    /// The reference of a scene. Asks for its hash first, which also brings its files into memory.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn truth(&self, case: &Case, source: &Source) -> Result<Truth> {
+        let quick = self.effort.is_quick;
+        let usual = if quick { case.quick_reference_error } else { case.reference_error };
+        let wanted = Wanted {
+            n_points: self.effort.n_points,
+            error: self.effort.reference_error.unwrap_or(usual),
+            most_paths: quick.then_some(case.quick_reference_paths),
+        };
+        let hash = truth::scene_hash(self.hplt, source)?;
+        truth::find_or_trace(self.hplt, self.folder, source, &hash, &wanted)
+    }
+
+    fn engine(
+        &self,
+        case: &Case,
+        source: &Source,
+        engine: &Engine,
+        truth: &Truth,
+    ) -> Result<Result<EngineReport, Unfinished>> {
+        let flags = engine.flags(case, self.effort.is_quick);
+        let solution = self.file(source, &format!("{}.hplt", engine.id));
+        let Runs { answers, processes } = self.solve(source, &flags, &solution)?;
+        let Some(solved) = answers.first() else {
+            return Ok(Err(Unfinished {
+                id: engine.id,
+                title: engine.title,
+                flags: flags.join(" "),
+                limit_seconds: self.effort.limit_seconds,
+                peak_memory: processes.iter().filter_map(|p| p.usage.peak_memory).max(),
+            }));
+        };
+        let read = |gather| self.read(source, truth, (&solution, engine.id), &flags, gather);
+        let (interpolated, gathered) = (read(None)?, read(Some(self.effort.gather_rays))?);
+        let stages = median_stages(&answers);
+        let processor: Vec<f64> = processes.iter().filter_map(|p| p.usage.processor_seconds).collect();
+        let seconds = |of: &dyn Fn(&RunAnswer) -> f64| Spread::of(&answers.iter().map(of).collect::<Vec<_>>());
+        Ok(Ok(EngineReport {
+            id: engine.id,
+            title: engine.title,
+            flags: flags.join(" "),
+            settings: solved.settings.solve.clone(),
+            points_per_level: solved.levels.iter().map(|l| l.points).collect(),
+            completion: Spread::of(&processes.iter().map(|p| p.wall_seconds).collect::<Vec<_>>()),
+            solve: seconds(&|a| StageSeconds::of(a).total()),
+            stages,
+            processor_seconds: (!processor.is_empty()).then(|| median(&processor)),
+            peak_memory: processes.iter().filter_map(|p| p.usage.peak_memory).max(),
+            bounces: (0..solved.bounces.len()).map(|i| seconds(&|a| a.bounces[i].seconds).median).collect(),
+            rounds: solved.rounds(),
+            stop: solved.stop.clone(),
+            cut_short_after: solved.is_cut_short().then_some(self.effort.limit_seconds),
             integrals: solved.integrals(),
-        })
+            rays: solved.rays(),
+            rays_per_second: if stages.transport > 0.0 { solved.rays() as f64 / stages.transport } else { 0.0 },
+            escaped: solved.bounces.iter().map(|b| b.escaped).sum(),
+            uncovered: solved.bounces.iter().map(|b| b.uncovered).sum(),
+            interpolated,
+            gathered,
+            warnings: solved.warnings.clone(),
+        }))
     }
 
-    fn solve_command(&self, source: &Source, flags: &[&str], solution: &Path) -> Vec<String> {
-        let mut command = strings(&["solve", &source.argument]);
-        command.extend(strings(flags));
-        command.extend([strings(&["--force", "--output"]), vec![shown(solution)]].concat());
-        command
+    /// Solves as often as there is time for, at least once. Without an answer where the first had no result in time.
+    fn solve(&self, source: &Source, flags: &[String], solution: &Path) -> Result<Runs> {
+        let mut command = strings(&["solve", &source.argument, "--force", "--output"]);
+        command.extend([shown(solution), "--max-time".into(), format!("{}s", self.effort.limit_seconds)]);
+        command.extend_from_slice(flags);
+        let mut runs = Runs { answers: Vec::new(), processes: Vec::new() };
+        let mut spent = 0.0;
+        while runs.answers.is_empty() || (runs.answers.len() < self.effort.n_runs && spent < self.effort.repeat_seconds)
+        {
+            let process = self.hplt.ask(&command, Some(NOT_CONVERGED))?;
+            if process.document["error"]["code"] == "TIME_LIMIT" {
+                runs.processes.push(process);
+                return Ok(runs);
+            }
+            let answer = RunAnswer::parse(&process.document)?;
+            spent += process.wall_seconds;
+            let is_cut_short = answer.is_cut_short();
+            runs.answers.push(answer);
+            runs.processes.push(process);
+            if is_cut_short {
+                // What it got done depends on the clock: nothing to compare, and too long to do again.
+                return Ok(runs);
+            }
+        }
+        check_repeatable(&source.title, &runs.answers)?;
+        Ok(runs)
     }
 
     /// Errors of the irradiance read from a solution, and the seconds that reading took.
@@ -238,26 +328,36 @@ impl Bench<'_> {
         &self,
         source: &Source,
         truth: &Truth,
-        (solution, preset): (&Path, &str),
-        name: &str,
-        gather: Option<u32>,
-    ) -> Result<(Measured, f64)> {
-        let out = self.file(source, name);
-        let mut command = strings(&["points", &source.argument, "--preset", preset, "--force"]);
-        command.extend([strings(&["--solution"]), vec![shown(solution)]].concat());
+        (solution, engine): (&Path, &str),
+        flags: &[String],
+        gather_rays: Option<u32>,
+    ) -> Result<Reading> {
+        let how = if gather_rays.is_some() { "gathered" } else { "interpolated" };
+        let out = self.file(source, &format!("{engine}-{how}.csv"));
+        let mut command = strings(&["points", &source.argument, "--force", "--solution"]);
+        command.push(shown(solution));
         command.extend(["--at".into(), shown(&truth.points), "--out".into(), shown(&out)]);
-        command.extend(gather.into_iter().flat_map(|n| ["--final-gather".into(), n.to_string()]));
+        command.extend(gather_rays.into_iter().flat_map(|n| ["--final-gather".into(), n.to_string()]));
+        command.extend_from_slice(flags);
         let answer = self.hplt.ask(&command, Some(NOT_CONVERGED))?;
         let read = RunAnswer::parse(&answer.document)?;
         let seconds = read.seconds_of("direct light of points") + read.seconds_of("indirect light of points");
-        let compared = self.hplt.ask_briefly(&["compare".into(), shown(&out), shown(&truth.table)])?;
-        let lit = LitError::of_files(&out, &truth.table)?;
-        Ok((Measured { all: Figures::parse(&compared.document)?, lit }, seconds))
+        let (all, lit) = compare(self.hplt, &out, truth)?;
+        Ok(Reading { gather_rays, all, lit, seconds })
     }
 
     fn file(&self, source: &Source, name: &str) -> PathBuf {
         self.folder.join(format!("{}-{name}", source.id))
     }
+}
+
+/// Errors of a table against the reference.
+///
+/// # Errors
+/// When the two do not belong together.
+pub fn compare(hplt: &Hplt, table: &Path, truth: &Truth) -> Result<(Figures, LitError)> {
+    let compared = hplt.ask_briefly(&["compare".into(), shown(table), shown(&truth.table)])?;
+    Ok((Figures::parse(&compared.document)?, LitError::of_files(table, &truth.table)?))
 }
 
 /// Same input and seed, same counts: anything else is a bug that times would hide.
@@ -281,22 +381,6 @@ fn median_stages(answers: &[RunAnswer]) -> StageSeconds {
     }
 }
 
-fn median_of(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let values: Vec<f64> = values.collect();
-    (!values.is_empty()).then(|| median(&values))
-}
-
-/// The middle value, of an even number the mean of the two middle ones; 0 of none.
-pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    match (sorted.len(), sorted.len() / 2) {
-        (0, _) => 0.0,
-        (n, middle) if n % 2 == 1 => sorted[middle],
-        (_, middle) => 0.5 * (sorted[middle - 1] + sorted[middle]),
-    }
-}
-
 /// Owned copies, for a command line.
 pub fn strings(parts: &[&str]) -> Vec<String> {
     parts.iter().map(ToString::to_string).collect()
@@ -313,13 +397,6 @@ mod tests {
 
     use super::super::answers::tests::report;
     use super::*;
-
-    #[test]
-    fn medians_ignore_one_slow_run() {
-        assert_eq!(median(&[9.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(&[4.0, 1.0]), 2.5);
-        assert_eq!(median(&[]), 0.0);
-    }
 
     #[test]
     fn stages_add_up_to_the_solve_without_writing_and_measuring() {

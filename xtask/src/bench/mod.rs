@@ -1,11 +1,21 @@
 //! Error and run time on the standard scenes.
 
 mod answers;
+mod baseline;
+mod beside;
+mod cells;
 mod child;
+mod curves;
+mod engines;
+mod evidence;
 mod lit;
 mod machine;
 mod measure;
+mod plot;
+mod published;
 mod scenes;
+mod sheet;
+mod stats;
 mod table;
 mod truth;
 
@@ -15,21 +25,25 @@ use anyhow::{Context, Result, bail};
 
 use crate::shell::root;
 use child::Hplt;
+use engines::{ENGINES, Engine};
+use evidence::MAX_PAIRS;
 use machine::Machine;
 use measure::{Bench, Effort};
-use scenes::{CASES, Case};
+use scenes::{CASES, Case, Source};
 use table::Report;
 
 /// What to measure.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Fewer points, a looser reference, one run. On two free cores the solve of Sponza still takes minutes; --only cornell
-    /// --only dragon leaves it out.
+    /// Fewer points, coarser settings, a looser reference, one run: under three minutes on two free cores.
     #[arg(long)]
     quick: bool,
     /// Only these scenes; may be repeated.
     #[arg(long, value_name = "SCENE", value_parser = CASES.map(|case| case.id))]
     only: Vec<String>,
+    /// Only these ways of lighting them; may be repeated.
+    #[arg(long, value_name = "ENGINE", value_parser = ENGINES.map(|engine| engine.id))]
+    engine: Vec<String>,
     /// Folder with scene files [default: HPLT_SCENES, else ../shared/scenes]; where one is missing, a procedural scene
     /// takes its place.
     #[arg(long, value_name = "DIR")]
@@ -40,77 +54,132 @@ pub struct Options {
     /// Standard error of the reference at each point, relative [default: by scene].
     #[arg(long, value_name = "FRACTION")]
     reference_error: Option<f64>,
-    /// Runs of the solver [default: 3; quick: 1].
+    /// Runs of every solver [default: 3; quick: 1]. No further one begins once they have taken two minutes.
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
-    /// Leave the original variant out [default: measured unless quick].
-    #[arg(long)]
-    no_slides: bool,
+    /// Seconds after which one run is cut short [default: 900; quick: 35].
+    #[arg(long, value_name = "SECONDS")]
+    limit: Option<u64>,
+    /// Draw error against time instead of printing the tables: every variant and the path tracer at five budgets or more.
+    #[arg(long, conflicts_with_all = ["baseline", "engine", "runs"])]
+    curves: bool,
+    /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.
+    #[arg(long, value_name = "FILE")]
+    baseline: Option<PathBuf>,
+    /// Pairs of runs beside the baseline [default: 8, the fewest that can prove anything].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(8..=MAX_PAIRS as i64), requires = "baseline")]
+    pairs: Option<u8>,
     /// Measure this binary instead of building one.
     #[arg(long, value_name = "FILE")]
     binary: Option<PathBuf>,
 }
 
-/// Measures, prints the tables, and writes them to `target/bench/report.md` and `report.json`.
+/// Measures, prints the tables, and writes them to `target/bench/report.md`, `report.json` and `report.csv`.
 ///
 /// # Errors
-/// When something does not build, run or write.
+/// When something does not build, run or write, and when a binary is worse than its baseline.
 pub fn run(options: &Options) -> Result<()> {
+    let effort = options.effort()?;
     let machine = Machine::look();
     let mut warnings: Vec<String> = machine.warning().into_iter().collect();
     let hplt = match &options.binary {
         Some(path) => {
             warnings.push("a given binary was measured, which may be of another commit".into());
-            Hplt::at(path.canonicalize().with_context(|| format!("cannot find {}", path.display()))?)
+            Hplt::found(path)?
         }
         None => Hplt::build()?,
     };
     let folder = root().join("target").join("bench");
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    let bench = Bench { hplt: &hplt, folder: &folder, effort: options.effort()? };
-    let scenes = scenes::folder(options.scenes.as_deref());
-    let cases: Vec<&Case> =
-        CASES.iter().filter(|case| options.only.is_empty() || options.only.iter().any(|id| id == case.id)).collect();
-    let mut rows = Vec::new();
-    for case in &cases {
-        let row = bench.row(case, &case.source(&scenes)).with_context(|| format!("cannot measure {}", case.title))?;
-        warnings.extend(row.warnings.iter().map(|w| format!("{}: {w}", row.title)));
-        rows.push(row);
+    let bench = Bench { hplt: &hplt, folder: &folder, effort };
+    let scenes_folder = scenes::folder(options.scenes.as_deref());
+    let cases: Vec<(&Case, Source)> =
+        options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
+    if options.curves {
+        return draw_curves(&bench, &cases);
     }
-    let report = Report { machine, mode: options.mode(), rows, warnings };
-    let published: Vec<_> = cases.iter().map(|case| &case.published).collect();
-    finish(&folder, &report, &report.markdown(&published))
+    match &options.baseline {
+        Some(old) => compare(&bench, &Hplt::found(old)?, &cases, usize::from(options.pairs.unwrap_or(8))),
+        None => tables(&bench, &cases, options, (machine, warnings)),
+    }
 }
 
-fn finish(folder: &Path, report: &Report, text: &str) -> Result<()> {
+fn compare(bench: &Bench<'_>, old: &Hplt, cases: &[(&Case, Source)], n_pairs: usize) -> Result<()> {
+    let (text, findings) = baseline::findings(bench, old, cases, n_pairs)?;
     println!("{text}");
-    for (name, content) in
-        [("report.md", text.to_owned()), ("report.json", format!("{}\n", serde_json::to_string_pretty(report)?))]
-    {
-        let path = folder.join(name);
-        std::fs::write(&path, content).with_context(|| format!("cannot write {}", path.display()))?;
-        eprintln!("wrote {}", path.display());
+    write(bench.folder, "baseline.md", &text)?;
+    write(bench.folder, "baseline.json", &format!("{}\n", serde_json::to_string_pretty(&findings)?))?;
+    baseline::check(&findings)
+}
+
+fn draw_curves(bench: &Bench<'_>, cases: &[(&Case, Source)]) -> Result<()> {
+    let mut scenes = Vec::new();
+    for (case, source) in cases {
+        scenes.push(curves::measure(bench, case, source).with_context(|| format!("cannot measure {}", case.title))?);
+        // After every scene, since each takes minutes.
+        curves::write(bench.folder, &scenes)?;
     }
+    let text = curves::write(bench.folder, &scenes)?;
+    println!("{text}");
+    write(bench.folder, "curves.md", &text)
+}
+
+fn tables(
+    bench: &Bench<'_>,
+    cases: &[(&Case, Source)],
+    options: &Options,
+    (machine, mut warnings): (Machine, Vec<String>),
+) -> Result<()> {
+    let engines = options.engines();
+    let mut scenes = Vec::new();
+    for (case, source) in cases {
+        let scene = bench.scene(case, source, &engines).with_context(|| format!("cannot measure {}", case.title))?;
+        for engine in &scene.engines {
+            warnings.extend(engine.warnings.iter().map(|w| format!("{}, {}: {w}", scene.title, engine.title)));
+        }
+        scenes.push(scene);
+    }
+    let report = Report { machine, mode: options.mode(), scenes, warnings };
+    let published: Vec<_> = cases.iter().map(|(case, _)| case.published).collect();
+    let text = report.markdown(&published);
+    println!("{text}");
+    write(bench.folder, "report.md", &text)?;
+    write(bench.folder, "report.json", &format!("{}\n", serde_json::to_string_pretty(&report)?))?;
+    write(bench.folder, "report.csv", &report.csv())
+}
+
+fn write(folder: &Path, name: &str, content: &str) -> Result<()> {
+    let path = folder.join(name);
+    std::fs::write(&path, content).with_context(|| format!("cannot write {}", path.display()))?;
+    eprintln!("wrote {}", path.display());
     Ok(())
 }
 
 impl Options {
     fn effort(&self) -> Result<Effort> {
-        let quick = |quick, full| if self.quick { quick } else { full };
         if let Some(error) = self.reference_error.filter(|e| !(*e > 0.0 && *e < 1.0)) {
             bail!("--reference-error {error}; expected a fraction between 0 and 1, such as 0.003");
         }
+        let usual = if self.quick { Effort::QUICK } else { Effort::FULL };
         Ok(Effort {
-            is_quick: self.quick,
-            n_points: self.points.unwrap_or(quick(200, 2000)),
+            n_points: self.points.unwrap_or(usual.n_points),
             reference_error: self.reference_error,
-            n_runs: self.runs.unwrap_or(quick(1, 3)),
-            with_slides: !self.quick && !self.no_slides,
+            n_runs: self.runs.unwrap_or(usual.n_runs),
+            limit_seconds: self.limit.unwrap_or(usual.limit_seconds),
+            ..usual
         })
     }
 
+    fn cases(&self) -> Vec<&'static Case> {
+        CASES.iter().filter(|case| self.only.is_empty() || self.only.iter().any(|id| id == case.id)).collect()
+    }
+
+    fn engines(&self) -> Vec<&'static Engine> {
+        ENGINES.iter().filter(|e| self.engine.is_empty() || self.engine.iter().any(|id| id == e.id)).collect()
+    }
+
     fn mode(&self) -> String {
-        if self.quick { "quick: few points, a loose reference" } else { "full" }.into()
+        if self.quick { "quick: few points, coarse settings, a loose reference" } else { "full" }.into()
     }
 }
 
@@ -133,7 +202,7 @@ mod tests {
     #[test]
     fn quick_is_less_work_and_single_values_win_over_it() {
         let (full, quick) = (effort(&[]).unwrap(), effort(&["--quick"]).unwrap());
-        assert!(full.n_points == 2000 && full.n_runs == 3 && full.with_slides && !full.is_quick);
+        assert!(full.n_points == 2000 && full.n_runs == 3 && !full.is_quick);
         assert!(quick.n_points < full.n_points && quick.n_runs == 1 && quick.is_quick);
         assert!(CASES.iter().all(|case| case.quick_reference_error > case.reference_error));
         let mixed = effort(&["--quick", "--points", "99", "--runs", "2", "--reference-error", "0.02"]).unwrap();
@@ -143,7 +212,8 @@ mod tests {
     #[test]
     fn unknown_scenes_and_errors_out_of_range_are_refused() {
         assert!(effort(&["--only", "castle"]).is_err());
-        assert!(effort(&["--only", "sponza", "--only", "cornell"]).is_ok());
+        assert!(effort(&["--only", "sponza", "--only", "cornell", "--engine", "v3"]).is_ok());
+        assert!(effort(&["--engine", "v9"]).is_err());
         for error in ["0", "1", "nan"] {
             assert!(effort(&["--reference-error", error]).is_err(), "{error}");
         }

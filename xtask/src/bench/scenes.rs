@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::published::{CORNELL, HAPPY, Published, SPONZA};
 use crate::shell::root;
 
 /// A scene of the tables.
@@ -11,13 +12,23 @@ pub struct Case {
     /// Name in tables.
     pub title: &'static str,
     /// Scene of the published row.
-    pub published: Published,
-    /// Threshold of the original variant, W/m².
+    pub published: &'static Published,
+    /// Of the published variants: threshold, W/m².
     pub slides_threshold: &'static str,
+    /// Flags of V1 and V3, where the preset does not say or takes too long.
+    pub slides_flags: [&'static [&'static str]; 2],
+    /// The same for quick runs.
+    pub quick_slides_flags: [&'static [&'static str]; 2],
     /// Standard error of the full reference, relative.
     pub reference_error: f64,
-    /// The same of the quick one: what a minute or so allows.
+    /// The same of the quick one.
     pub quick_reference_error: f64,
+    /// Paths per point at most of the quick one: what a few seconds allow.
+    pub quick_reference_paths: u64,
+    /// Whether its published variants have so many functions that curves begin with fewer levels.
+    pub has_many_functions: bool,
+    /// Whether no ray can leave it.
+    pub is_closed: bool,
     file: Option<File>,
     builtin: &'static str,
 }
@@ -28,73 +39,54 @@ struct File {
     after: &'static str,
 }
 
-/// One published row of the original variant on a CPU: M. Zollhöfer, Hierarchical Point Based Light Transport, 2010.
-/// Neither its rays per gather nor its machine nor its error were published.
-pub struct Published {
-    /// Its scene.
-    pub scene: &'static str,
-    /// Primitives.
-    pub triangles: &'static str,
-    /// Functions on the coarsest and on the finest level.
-    pub functions: &'static str,
-    /// Bounces 1 / 2 / 3, seconds.
-    pub bounces: &'static str,
-    /// Gathers.
-    pub integrals: &'static str,
-    /// Transport, seconds.
-    pub transport: &'static str,
-}
+const USUAL_SLIDES: [&[&str]; 2] = [&[], &["--rays", "256"]];
+const USUAL_QUICK_SLIDES: [&[&str]; 2] = [&["--levels", "4", "--rays", "128"]; 2];
 
 /// All scenes.
 pub const CASES: [Case; 3] = [
     Case {
         id: "cornell",
         title: "Cornell",
-        published: Published {
-            scene: "Cornell",
-            triangles: "36",
-            functions: "218 / 167k",
-            bounces: "21 / 2.9 / 2.4 s",
-            integrals: "13k",
-            transport: "32 s",
-        },
+        published: &CORNELL,
         slides_threshold: "0.016",
+        slides_flags: USUAL_SLIDES,
+        quick_slides_flags: USUAL_QUICK_SLIDES,
         reference_error: 0.003,
-        quick_reference_error: 0.005,
+        quick_reference_error: 0.01,
+        quick_reference_paths: 8192,
+        has_many_functions: false,
+        is_closed: false,
         file: None,
         builtin: "gen:cornell",
     },
     Case {
         id: "dragon",
         title: "Dragon room",
-        published: Published {
-            scene: "Happy",
-            triangles: "1.05M",
-            functions: "582 / 288k",
-            bounces: "499 / 154 / 44 s",
-            integrals: "67k",
-            transport: "728 s",
-        },
+        published: &HAPPY,
         slides_threshold: "0.016",
+        slides_flags: USUAL_SLIDES,
+        quick_slides_flags: USUAL_QUICK_SLIDES,
         reference_error: 0.003,
-        quick_reference_error: 0.005,
+        quick_reference_error: 0.01,
+        quick_reference_paths: 8192,
+        has_many_functions: false,
+        is_closed: true,
         file: Some(File { path: "stanford/dragon_871k.glb", before: "gen:room-with=", after: ":1.5" }),
         builtin: "gen:statue-room",
     },
     Case {
         id: "sponza",
         title: "Sponza",
-        published: Published {
-            scene: "Sponza",
-            triangles: "279k",
-            functions: "1438 / 356k",
-            bounces: "567 / 82 / 24 s",
-            integrals: "37k",
-            transport: "743 s",
-        },
+        published: &SPONZA,
         slides_threshold: "0.15",
+        // Six levels of Sponza take longer than the time limit.
+        slides_flags: [&["--levels", "2", "--rays", "256"], &["--levels", "4", "--rays", "256"]],
+        quick_slides_flags: [&["--levels", "2", "--rays", "64"], &["--levels", "2", "--rays", "128"]],
         reference_error: 0.008,
         quick_reference_error: 0.02,
+        quick_reference_paths: 8192,
+        has_many_functions: true,
+        is_closed: false,
         file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "" }),
         builtin: "gen:colonnade",
     },
