@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::budget::Budget;
 use crate::config::Config;
 use crate::lights::LightSpec;
 use crate::relight::LightChange;
@@ -186,6 +187,8 @@ pub struct RenderArgs {
     #[command(flatten)]
     pub render: RenderSection,
     #[command(flatten)]
+    pub budget: Budget,
+    #[command(flatten)]
     pub common: Common,
 }
 
@@ -214,6 +217,8 @@ pub struct SolveArgs {
     /// Solve for each group of lights and keep the solutions, so that hplt relight is a weighted sum; needs no links
     #[arg(long)]
     pub all_groups: bool,
+    #[command(flatten)]
+    pub budget: Budget,
     #[command(flatten)]
     pub common: Common,
 }
@@ -258,7 +263,9 @@ pub struct RelightArgs {
 /// `hplt points`
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Example: irradiance at sensors, read through one more gather of 1024 rays each
+Examples: irradiance at sensors to a mean error of 1 %, the best that ten seconds allow, and by a gather of 1024 rays each
+    hplt points room.glb --at sensors.csv --out light.csv --error 1%
+    hplt points room.glb --at sensors.csv --out light.csv --time 10s
     hplt points room.glb --at sensors.csv --out light.csv --final-gather 1024
 
 The input has a row x,y,z,nx,ny,nz per point (world units; other separators and Radiance's .pts are read too), the output
@@ -283,6 +290,8 @@ pub struct PointsArgs {
     /// Take the light from a file of `hplt solve` instead of solving
     #[arg(long, value_name = "FILE")]
     pub solution: Option<PathBuf>,
+    #[command(flatten)]
+    pub budget: Budget,
     #[command(flatten)]
     pub common: Common,
 }

@@ -9,6 +9,7 @@ use hplt_transport::{
     transport_links,
 };
 
+use crate::budget::{Budget, Reading};
 use crate::estimate::Estimate;
 use crate::exit::{Exit, Failure};
 use crate::field::Field;
@@ -23,9 +24,9 @@ use crate::settings::Settings;
 use crate::values::{Radius, human_bytes};
 
 /// Points at which the error is measured.
-const ERROR_POINTS: usize = 256;
+pub const ERROR_POINTS: usize = 256;
 /// Rays of each.
-const ERROR_RAYS: u32 = 1024;
+pub const ERROR_RAYS: u32 = 1024;
 /// Share of the surface that may be out of reach of all functions on the coarsest level of links: their rays go on from there.
 const UNCOVERED_BY_LINKS: f64 = 0.03;
 
@@ -64,6 +65,18 @@ impl Lit<'_> {
     }
 }
 
+/// What links are made from.
+pub struct LinkParts<'s> {
+    /// The scene.
+    pub scene: &'s Scene,
+    /// Casts rays against it.
+    pub bvh: Bvh,
+    /// Which part of the air a point faces.
+    pub regions: Regions,
+    /// The coarsest level.
+    pub coarsest: PointHierarchy,
+}
+
 /// Measures the time of the stages of a run and enters it into its report.
 pub struct Run<'r> {
     /// Says when to stop.
@@ -72,6 +85,12 @@ pub struct Run<'r> {
     pub settings: &'r Settings,
     /// What a solve is to keep for changes of light.
     pub keep: Keep,
+    /// How good the light is to be, or what it may cost.
+    pub budget: Budget,
+    /// How many points will be read.
+    pub n_receivers: usize,
+    /// How to read them so that the budget is kept.
+    pub reading: Reading,
     /// What is known about the run so far.
     pub report: RunReport,
 }
@@ -85,7 +104,15 @@ impl<'r> Run<'r> {
             settings: settings.config.clone(),
             ..RunReport::default()
         };
-        Self { reporter, settings, keep: Keep::default(), report }
+        Self {
+            reporter,
+            settings,
+            keep: Keep::default(),
+            budget: Budget::default(),
+            n_receivers: 0,
+            reading: Reading::Interpolated,
+            report,
+        }
     }
 
     /// Does `work` as a stage.
@@ -141,7 +168,11 @@ impl<'r> Run<'r> {
         self.enter_hierarchy(&hierarchy.report);
         let regions = hierarchy.regions;
         if settings.variant == Variant::Links {
-            return self.link(scene, bvh, regions, hierarchy.points);
+            let parts = LinkParts { scene, bvh, regions, coarsest: hierarchy.points };
+            return match self.budget.is_some() {
+                true => self.link_within(parts),
+                false => self.link(parts, settings.links()),
+            };
         }
         let basis = self.stage("basis", |_| ShepardBasis::build(hierarchy.points, BasisOptions::default()));
         self.report.enter_memory("points, trees, parents", basis.memory());
@@ -172,16 +203,14 @@ impl<'r> Run<'r> {
     }
 
     /// Lights a scene by links, from the coarsest level on.
-    fn link<'s>(
-        &mut self,
-        scene: &'s Scene,
-        bvh: Bvh,
-        regions: Regions,
-        coarsest: PointHierarchy,
-    ) -> Result<Lit<'s>, Failure> {
+    ///
+    /// # Errors
+    /// Those of the links.
+    pub fn link<'s>(&mut self, parts: LinkParts<'s>, options: LinkOptions) -> Result<Lit<'s>, Failure> {
+        let LinkParts { scene, bvh, regions, coarsest } = parts;
         let (settings, reporter) = (self.settings, self.reporter);
         let (keep, by_group) = (self.keep, self.keep.is_any());
-        let options = LinkOptions { by_group, ..settings.links() };
+        let options = LinkOptions { by_group, ..options };
         let lights = DirectLight::new(scene, DirectOptions { seed: options.seed, ..DirectOptions::projection() });
         let mut linked =
             self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;

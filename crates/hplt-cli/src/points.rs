@@ -28,6 +28,7 @@ const DOUBTFUL_RAYS: u32 = 1024;
 /// With what stopped it.
 pub fn run(args: &PointsArgs) -> Result<Ended, Failure> {
     power_of_two("--final-gather", args.final_gather)?;
+    args.budget.check(&args.common, args.solution.is_some() || args.final_gather.is_some())?;
     let out = file_output(args.out.as_deref(), args.common.output.json)?;
     session("points", (&args.common, &RenderSection::default()), &args.scene, |run| {
         let Some(at) = &args.at else { return Err(Failure::usage("--at is missing")) };
@@ -61,7 +62,10 @@ fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Res
     };
     let mut lit = match &args.solution {
         Some(path) => solution::light(run, scene, path)?,
-        None => run.light(scene)?,
+        None => {
+            (run.budget, run.n_receivers) = (args.budget.clone(), sensors.len());
+            run.light(scene)?
+        }
     };
     run.check_strict()?;
     let scene = lit.scene;
@@ -72,12 +76,13 @@ fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Res
         (placed, points)
     });
     count(run, &placed, &points);
-    let light = match light_at(run, &lit, (&placed, &points), args.final_gather) {
+    let final_gather = args.final_gather.or(run.reading.gather_rays());
+    let light = match light_at(run, &lit, (&placed, &points), final_gather) {
         Err(failure) if failure.exit == Exit::Interrupted => {
             lit.is_cut_short = true;
             run.cut_short();
             run.check_strict()?;
-            light_at(run, &lit, (&placed, &points), args.final_gather)?
+            light_at(run, &lit, (&placed, &points), final_gather)?
         }
         other => other?,
     };

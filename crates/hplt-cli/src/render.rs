@@ -20,6 +20,7 @@ use crate::values::Size;
 /// # Errors
 /// With what stopped it.
 pub fn run(args: &RenderArgs) -> Result<Ended, Failure> {
+    args.budget.check(&args.common, args.solution.is_some())?;
     session("render", (&args.common, &args.render), &args.scene, |run| {
         check_extensions(args.output.iter().map(PathBuf::as_path))?;
         let outputs: Vec<&Path> = args.output.iter().map(PathBuf::as_path).collect();
@@ -41,7 +42,10 @@ fn render(run: &mut Run<'_>, args: &RenderArgs) -> Result<(), Failure> {
     };
     let mut lit = match &args.solution {
         Some(path) => solution::light(run, scene, path)?,
-        None => run.light(scene)?,
+        None => {
+            run.budget = args.budget.clone();
+            run.light(scene)?
+        }
     };
     let (camera, note) = camera::choose(lit.scene, &lit.bvh, &render)?;
     let size = camera::picture_size(&camera, render.size);

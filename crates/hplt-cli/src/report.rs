@@ -221,9 +221,15 @@ impl RunReport {
         self.seconds += seconds;
     }
 
-    /// Enters the memory of a part.
+    /// Enters the memory of a part, in place of what was known about it.
     pub fn enter_memory(&mut self, part: &'static str, bytes: usize) {
+        self.memory.retain(|known| known.part != part);
         self.memory.push(MemoryPart { part, bytes: bytes as u64 });
+    }
+
+    /// Seconds that a stage took the last time; above 0.
+    pub fn last_time_of(&self, stage: &str) -> f64 {
+        self.stages.iter().rev().find(|s| s.stage == stage).map_or(1.0, |s| s.seconds).max(1e-6)
     }
 
     fn time_of(&self, stage: &str) -> f64 {
@@ -317,6 +323,11 @@ impl RunReport {
                 human_percent(e.p95),
                 e.points
             );
+        }
+        if let Some(expected) = self.more.get("expected_error").and_then(serde_json::Value::as_f64) {
+            let rays =
+                self.more.get("gather_rays").map(|n| format!(" through a gather of {n} rays")).unwrap_or_default();
+            let _ = write!(text, "; read{rays}: about {} expected", human_percent(expected));
         }
         if let Some(bound) = self.truncation_bound.filter(|_| !self.bounces.is_empty() || self.links.is_some()) {
             let bound = if bound.is_finite() { human_percent(bound) } else { "without bound".into() };

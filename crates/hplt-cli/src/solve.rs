@@ -25,6 +25,7 @@ use crate::values::human_bytes;
 /// # Errors
 /// With what stopped it.
 pub fn run(args: &SolveArgs) -> Result<Ended, Failure> {
+    args.budget.check(&args.common, false)?;
     session("solve", (&args.common, &RenderSection::default()), &args.scene, |run| {
         let outputs: Vec<&Path> = args.output.iter().chain(&args.ply).map(|p| p.as_path()).collect();
         check_outputs(&outputs, &inputs(&args.scene, None), args.common.output.force)?;
@@ -39,6 +40,7 @@ fn solve(run: &mut Run<'_>, args: &SolveArgs) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Input, "NO_SURFACE", message));
     };
     run.keep = keep(run, args)?;
+    run.budget = args.budget.clone();
     run.keep.check(scene)?;
     say_what_will_be_kept(run, scene, args.common.output.quiet);
     let mut lit = run.light(scene)?;

@@ -28,6 +28,8 @@ fn wrong_flags_are_usage_errors() {
         &["--eye", "0,0,0", "--target", "0,0,0"],
         &["--size", "0x9"],
         &["--fov", "0"],
+        &["--error", "0"],
+        &["--error", "1%"],
     ] {
         let args = [&["render", "gen:cornell", "-o", "a.png", "--levels", "1", "--rays", "8"], flags].concat();
         // Given twice, clap complains, which is a usage error too.
@@ -39,6 +41,13 @@ fn wrong_flags_are_usage_errors() {
     folder.run(&["paint"]).fails(2, "USAGE");
     folder.run(&["points", "gen:cornell", "--at", "p.csv", "--json"]).fails(2, "USAGE");
     folder.run(&["points", "gen:cornell", "--at", "p.csv", "--final-gather", "7"]).fails(2, "USAGE");
+    for flags in [["--error", "200%"], ["--time", "0s"], ["--time", "-1s"]] {
+        folder.run(&[&["solve", "gen:cornell", "-o", "a.hplt"][..], &flags].concat()).fails(2, "USAGE");
+    }
+    let budget = ["points", "gen:cornell", "--at", "p.csv", "--error", "1%"];
+    for flags in [["--variant", "delta"], ["--solution", "a.hplt"], ["--final-gather", "64"], ["--rays", "64"]] {
+        folder.run(&[&budget[..], &flags].concat()).fails(2, "USAGE");
+    }
     folder.run(&["sample-points", "gen:cornell", "-n", "0"]).fails(2, "USAGE");
     folder.run(&["gen", "cornell", "-o", "a.obj"]).fails(2, "USAGE");
     assert!(folder.names().is_empty());

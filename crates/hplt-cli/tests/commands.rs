@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Folder, table};
+use common::{Folder, Ran, table};
 
 const COLUMNS: &str = "x,y,z,nx,ny,nz,Ed_r,Ed_g,Ed_b,Ei_r,Ei_g,Ei_b,E_r,E_g,E_b";
 
@@ -155,6 +155,28 @@ fn the_reference_agrees_with_the_solver_and_tells_its_standard_error() {
     folder.write("wrong.csv", format!("{}\n{}\n", header.join(","), wrong.join("\n")));
     let ran = folder.run(&["compare", "wrong.csv", "t.csv", "--max-mean", "12%"]);
     assert_eq!(ran.code, Some(6), "{ran:?}");
+}
+
+#[test]
+fn an_error_that_is_asked_for_is_reached_and_one_that_is_not_is_told() {
+    let folder = Folder::new();
+    folder.run(&["sample-points", "gen:cornell", "-n", "100", "--seed", "5", "-o", "at.csv"]).ok();
+    folder.run(&["reference", "gen:cornell", "--at", "at.csv", "--out", "truth.csv", "--error", "1%"]).ok();
+    let points = |out: &str, budget: &[&str]| {
+        folder.run(&[&["points", "gen:cornell", "--at", "at.csv", "--out", out, "--json"], budget].concat())
+    };
+    let expected = |ran: &Ran| {
+        let report: serde_json::Value = serde_json::from_str(&ran.stdout).unwrap();
+        report["more"]["expected_error"].as_f64().unwrap()
+    };
+    let rough = points("rough.csv", &["--error", "8%"]).ok();
+    let fine = points("fine.csv", &["--error", "1.5%"]).ok();
+    assert!(expected(&rough) <= 0.08 && expected(&fine) <= 0.015, "{rough:?} {fine:?}");
+    folder.run(&["compare", "rough.csv", "truth.csv", "--max-mean", "10%"]).ok();
+    folder.run(&["compare", "fine.csv", "truth.csv", "--max-mean", "3%"]).ok();
+    let hopeless = points("hopeless.csv", &["--error", "0.01%", "--time", "1ms"]);
+    assert!(hopeless.code == Some(6) && hopeless.stderr.contains("was asked for"), "{hopeless:?}");
+    assert!(folder.path("hopeless.csv").exists(), "what could be had is written");
 }
 
 #[test]

@@ -1,0 +1,271 @@
+//! Lighting to a given error, or in a given time.
+
+use clap::Args;
+use hplt_geom::Progress;
+use hplt_transport::{LinkOptions, Threshold};
+
+use crate::args::Common;
+use crate::exit::Failure;
+use crate::job::{ERROR_POINTS, ERROR_RAYS, LinkParts, Lit, Run};
+use crate::sections::{SolveSection, Variant};
+use crate::values::{Fraction, Seconds};
+
+/// How good the light is to be, or what it may cost.
+#[derive(Args, Debug, Clone, Default)]
+#[command(next_help_heading = "Budget")]
+pub struct Budget {
+    /// Reach this mean relative error by the solver's own estimate, with as many rays and functions as that takes
+    #[arg(long, value_name = "FRACTION")]
+    pub error: Option<Fraction>,
+    /// Make the best of this span of time, loading included
+    #[arg(long, value_name = "TIME")]
+    pub time: Option<Seconds>,
+}
+
+/// Options of one attempt.
+struct Rung {
+    n_levels: usize,
+    n_rays: u32,
+    relative: f32,
+}
+
+/// Attempts in turn: each costs about three times the one before, so that all that came before the last cost half of it.
+const RUNGS: [Rung; 7] = [
+    Rung { n_levels: 2, n_rays: 64, relative: 0.3 },
+    Rung { n_levels: 3, n_rays: 64, relative: 0.2 },
+    Rung { n_levels: 3, n_rays: 128, relative: 0.1 },
+    Rung { n_levels: 4, n_rays: 256, relative: 0.06 },
+    Rung { n_levels: 5, n_rays: 512, relative: 0.04 },
+    Rung { n_levels: 6, n_rays: 1024, relative: 0.025 },
+    Rung { n_levels: 7, n_rays: 2048, relative: 0.015 },
+];
+/// The next attempt takes about so many times as long.
+const GROWTH: f64 = 3.5;
+/// A field this many times worse than what is asked for is good enough for a gather to read.
+const SECOND_ORDER: f64 = 8.0;
+/// Rays of a gather.
+const GATHER_RAYS: std::ops::RangeInclusive<u32> = 64..=65_536;
+
+impl Reading {
+    /// Rays of a gather, if it is one.
+    pub fn gather_rays(self) -> Option<u32> {
+        match self {
+            Self::Interpolated => None,
+            Self::Gathered(n_rays) => Some(n_rays),
+        }
+    }
+}
+
+/// How points are to be read so that the budget is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reading {
+    /// Interpolated.
+    Interpolated,
+    /// Through a gather of so many rays each.
+    Gathered(u32),
+}
+
+impl Budget {
+    /// Whether anything was asked for.
+    pub fn is_some(&self) -> bool {
+        self.error.is_some() || self.time.is_some()
+    }
+
+    /// Refuses values out of range, and flags that the budget would have to overrule.
+    ///
+    /// # Errors
+    /// Names the flag.
+    pub fn check(&self, common: &Common, is_decided: bool) -> Result<(), Failure> {
+        if !self.is_some() {
+            return Ok(());
+        }
+        if is_decided {
+            return Err(Failure::usage(
+                "--error and --time decide how to solve and read: leave --solution and --final-gather out",
+            ));
+        }
+        if let Some(Fraction(error)) = self.error.filter(|e| !(1e-4..=1.0).contains(&e.0)) {
+            return Err(Failure::usage(format!("--error {error}; expected a fraction from 0.01% to 100%")));
+        }
+        let SolveSection { variant, levels, rays, relative_threshold, threshold, .. } = &common.solve;
+        if variant.is_some_and(|v| v != Variant::Links) {
+            return Err(Failure::usage("--error and --time need --variant links"));
+        }
+        if levels.is_some() || rays.is_some() || relative_threshold.is_some() || threshold.is_some() {
+            return Err(Failure::usage("--error and --time choose levels, rays and thresholds: leave those flags out"));
+        }
+        Ok(())
+    }
+}
+
+/// What is known after an attempt.
+#[derive(Clone, Copy)]
+struct Attempt {
+    /// Mean relative error of the field.
+    error: f64,
+    /// Mean relative standard error of a gather of [`ERROR_RAYS`].
+    noise: f64,
+    /// What it took.
+    seconds: f64,
+    /// Gather rays per second.
+    rays_per_second: f64,
+    /// Seconds since the start of the run.
+    now: f64,
+    is_last: bool,
+}
+
+impl Attempt {
+    /// The error to expect of a reading.
+    fn expected(&self, reading: Reading) -> f64 {
+        match reading {
+            Reading::Interpolated => self.error,
+            Reading::Gathered(n_rays) => {
+                (self.noise * (f64::from(ERROR_RAYS) / f64::from(n_rays)).sqrt()).hypot(self.error / SECOND_ORDER)
+            }
+        }
+    }
+
+    fn gather_seconds(&self, n_receivers: usize, n_rays: u32) -> f64 {
+        n_receivers as f64 * f64::from(n_rays) / self.rays_per_second
+    }
+
+    /// How to read `n_receivers` points if this is to be the last attempt; `None` when the next one is to be made.
+    fn choose(&self, budget: &Budget, n_receivers: usize) -> Option<Reading> {
+        let next = GROWTH * self.seconds;
+        let left = budget.time.map_or(f64::INFINITY, |t| t.0 - self.now);
+        let gathers = || {
+            let powers = GATHER_RAYS.start().ilog2()..=GATHER_RAYS.end().ilog2();
+            powers.map(|k| 1u32 << k).filter(|_| n_receivers > 0)
+        };
+        if let Some(Fraction(error)) = budget.error {
+            if self.error <= error {
+                return Some(Reading::Interpolated);
+            }
+            let enough = gathers().find(|&n| self.expected(Reading::Gathered(n)) <= error);
+            let seconds = |n: u32| self.gather_seconds(n_receivers, n);
+            if let Some(n) = enough.filter(|&n| seconds(n) <= left && (seconds(n) <= next || self.is_last)) {
+                return Some(Reading::Gathered(n));
+            }
+        }
+        if !self.is_last && next <= left {
+            return None;
+        }
+        let affordable = gathers().filter(|&n| self.gather_seconds(n_receivers, n) <= left).last();
+        let gathered = affordable.map(Reading::Gathered).filter(|&r| self.expected(r) < self.error);
+        Some(gathered.unwrap_or(Reading::Interpolated))
+    }
+}
+
+impl Run<'_> {
+    /// Lights a scene by links within the budget of the run, and decides how its receivers are to be read.
+    ///
+    /// # Errors
+    /// Those of the links.
+    pub fn link_within<'s>(&mut self, mut parts: LinkParts<'s>) -> Result<Lit<'s>, Failure> {
+        let (n_warnings, n_left_out) = (self.report.warnings.len(), self.report.left_out.len());
+        for (k, rung) in RUNGS.iter().enumerate() {
+            let begin = self.reporter.now();
+            let coarsest = parts.coarsest.clone();
+            self.report.warnings.truncate(n_warnings);
+            self.report.left_out.truncate(n_left_out);
+            let lit = self.link(parts, rung.options(self.settings.links()))?;
+            let now = self.reporter.now();
+            let Some(error) = self.report.error.filter(|_| !lit.is_cut_short) else {
+                return Ok(lit);
+            };
+            let attempt = Attempt {
+                error: error.mean,
+                noise: error.noise,
+                seconds: now - begin,
+                rays_per_second: ERROR_POINTS as f64 * f64::from(ERROR_RAYS)
+                    / self.report.last_time_of("error estimate"),
+                now,
+                is_last: k + 1 == RUNGS.len(),
+            };
+            if let Some(reading) = attempt.choose(&self.budget, self.n_receivers) {
+                self.enter_reading(attempt.expected(reading), reading);
+                return Ok(lit);
+            }
+            let Lit { scene, bvh, regions, .. } = lit;
+            parts = LinkParts { scene, bvh, regions, coarsest };
+        }
+        unreachable!("the last attempt is chosen whatever it found")
+    }
+
+    fn enter_reading(&mut self, expected: f64, reading: Reading) {
+        self.reading = reading;
+        self.report.more.insert("expected_error".into(), expected.into());
+        if let Reading::Gathered(n_rays) = reading {
+            self.report.more.insert("gather_rays".into(), n_rays.into());
+        }
+        let now = self.reporter.now();
+        if let Some(Seconds(time)) = self.budget.time.filter(|t| now > 1.1 * t.0) {
+            self.report.warnings.push(format!("the roughest attempt took {now:.1} s; {time} s were asked for"));
+        }
+        if let Some(Fraction(error)) = self.budget.error.filter(|e| expected > e.0) {
+            let [expected, error] = [expected, error].map(crate::values::human_percent);
+            self.report.warnings.push(format!("an error of {expected} is expected; {error} was asked for"));
+            self.report.converged = false;
+            self.report.stop = "error-not-reached";
+        }
+    }
+}
+
+impl Rung {
+    fn options(&self, base: LinkOptions) -> LinkOptions {
+        LinkOptions {
+            n_levels: self.n_levels,
+            n_rays: self.n_rays,
+            threshold: Threshold { relative: self.relative, ..base.threshold },
+            ..base
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ATTEMPT: Attempt =
+        Attempt { error: 0.04, noise: 0.008, seconds: 1.0, rays_per_second: 1e6, now: 1.0, is_last: false };
+
+    fn budget(error: Option<f64>, time: Option<f64>) -> Budget {
+        Budget { error: error.map(Fraction), time: time.map(Seconds) }
+    }
+
+    #[test]
+    fn a_field_that_is_good_enough_is_interpolated() {
+        assert_eq!(ATTEMPT.choose(&budget(Some(0.05), None), 100), Some(Reading::Interpolated));
+    }
+
+    #[test]
+    fn few_points_are_gathered_and_many_wait_for_a_better_field() {
+        let asked = budget(Some(0.01), None);
+        let Some(Reading::Gathered(n)) = ATTEMPT.choose(&asked, 100) else { panic!("not gathered") };
+        assert!(ATTEMPT.expected(Reading::Gathered(n)) <= 0.01 && ATTEMPT.expected(Reading::Gathered(n / 2)) > 0.01);
+        assert_eq!(ATTEMPT.choose(&asked, 1_000_000), None);
+        // A field this bad is no sender, and without receivers there is nothing to gather.
+        assert_eq!(Attempt { error: 0.2, ..ATTEMPT }.choose(&asked, 100), None);
+        assert_eq!(ATTEMPT.choose(&asked, 0), None);
+    }
+
+    #[test]
+    fn time_goes_to_attempts_while_the_next_fits_and_then_to_the_gather() {
+        assert_eq!(ATTEMPT.choose(&budget(None, Some(10.0)), 100), None);
+        let Some(Reading::Gathered(n)) = ATTEMPT.choose(&budget(None, Some(3.0)), 100) else { panic!("not gathered") };
+        let seconds = ATTEMPT.gather_seconds(100, n);
+        assert!(seconds <= 2.0 && 2.0 * seconds > 2.0, "{n}");
+        // No time for a gather that would be better than the field.
+        assert_eq!(ATTEMPT.choose(&budget(None, Some(1.01)), 1000), Some(Reading::Interpolated));
+        let last = Attempt { is_last: true, ..ATTEMPT };
+        assert!(last.choose(&budget(Some(1e-4), None), 1_000_000_000).is_some());
+    }
+
+    #[test]
+    fn each_rung_asks_for_more_than_the_one_before() {
+        for pair in RUNGS.windows(2) {
+            assert!(pair[0].n_levels <= pair[1].n_levels && pair[0].n_rays <= pair[1].n_rays);
+            assert!(pair[0].relative > pair[1].relative);
+        }
+    }
+}
