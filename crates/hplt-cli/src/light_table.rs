@@ -144,6 +144,6 @@ mod tests {
         assert!(rows[1].lights == 2 && near(rows[1].power[1], 4.0 * PI * (2.0 + 1.0 / 3.0)), "{:?}", rows[1]);
         assert!(rows[2].irradiance == [5.0; 3] && rows[2].power == [0.0; 3]);
         assert!(rows[3].has_environment && near(rows[3].irradiance[2], 2.0 * PI));
-        assert!(rows[0].in_words().starts_with("\"light\": 2 triangles, 0.0137 m2, "), "{}", rows[0].in_words());
+        assert!(rows[0].in_words().starts_with("\"light\": 2 triangles, 0.0136 m2, "), "{}", rows[0].in_words());
     }
 }

@@ -304,7 +304,7 @@ mod tests {
             LightSpec::parse_sun("0,1,0:2,2,2").unwrap(),
             LightSpec::parse_point("0,1,0:2,2,2").unwrap(),
             LightSpec::parse_rect("desk=0,1,0:0,0,1:1,0,0:2,2,2").unwrap(),
-            LightSpec::parse_rect("0,1,0:0,0,1:1,0,0:2,2,2").unwrap(),
+            LightSpec::parse_rect("0,2,0:0,0,1:1,0,0:2,2,2").unwrap(),
             LightSpec::parse_sky("1,1,1").unwrap(),
         ];
         let expected = ["sun", "key light", "sun2", "point", "desk", "lamp", "sky"];

@@ -100,6 +100,9 @@ fn enter_factors(run: &mut Run<'_>, names: &[String], factors: &[Rgb]) {
     }
 }
 
+/// Light by level, then by function.
+pub type Levels = Vec<Vec<Rgb>>;
+
 /// The points of a solution file and its light, direct and indirect, by level.
 ///
 /// # Errors
@@ -107,7 +110,7 @@ fn enter_factors(run: &mut Run<'_>, names: &[String], factors: &[Rgb]) {
 pub fn read_hierarchy(
     file: &SolutionFile,
     refuse: &impl Fn(String) -> Failure,
-) -> Result<(PointHierarchy, [Vec<Vec<Rgb>>; 2]), Failure> {
+) -> Result<(PointHierarchy, [Levels; 2]), Failure> {
     let levels: usize = number(file, "hplt.levels").map_err(refuse)?;
     if levels > 64 {
         return Err(refuse(format!("{levels} levels; expected 64 at most")));

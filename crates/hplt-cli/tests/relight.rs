@@ -171,7 +171,7 @@ fn wrong_changes_are_refused_with_the_names_that_there_are() {
     folder.write("at.csv", AT);
     folder.tiny(&["points", "gen:cornell", "--at", "at.csv", "--solution", "new.hplt"]).fails(9, "SOLUTION_MISMATCH");
     // The same light under other names: factors would go to the wrong lamps.
-    let renamed = SCENE.map(|flag| if flag.starts_with("bulb=") { &flag["bulb=".len()..] } else { flag });
+    let renamed = SCENE.map(|flag| flag.strip_prefix("bulb=").unwrap_or(flag));
     let args = [&["points"][..], &renamed, &["--at", "at.csv", "--solution", "new.hplt"]].concat();
     folder.tiny(&args).fails(9, "SOLUTION_MISMATCH");
     let args = [&["points"][..], &renamed, &["--at", "at.csv", "--solution", "room.hplt"]].concat();
