@@ -13,11 +13,8 @@ use crate::exit::{Exit, Failure};
 use crate::indirect::{Gathered, indirect_light};
 use crate::job::{Lit, Run};
 use crate::outputs::extension;
-use crate::sections::{Display, RenderSection, ToneMapName, Variant};
+use crate::sections::{Display, RenderSection, ToneMapName};
 use crate::values::Size;
-
-/// Rays, at least, of a sample where interpolation cannot be trusted.
-const DOUBTFUL_RAYS: u32 = 128;
 
 /// A picture with everything that is known per sample.
 pub struct Picture {
@@ -86,14 +83,10 @@ fn shade_indirect(
     progress: &dyn Progress,
 ) -> Result<Vec<Rgb>, Failure> {
     let settings = run.settings;
-    let is_interpolated = settings.display == Display::Evaluate || lit.field.variant() == Variant::Links;
-    let nowhere_else = |_| false;
-    let gathered = match settings.display {
-        _ if lit.is_cut_short => return Ok(lit.field.show(&lit.model(), settings.display, gbuffer, progress)?.0),
-        Display::FinalGather => (&Gathered::All, settings.gather_rays),
-        _ if is_interpolated => (&Gathered::Doubtful(&nowhere_else), DOUBTFUL_RAYS.max(settings.gather_rays)),
-        display => return Ok(lit.field.show(&lit.model(), display, gbuffer, progress)?.0),
-    };
+    if settings.display != Display::FinalGather || lit.is_cut_short {
+        return Ok(lit.field.show(&lit.model(), settings.display, gbuffer, progress)?.0);
+    }
+    let gathered = (&Gathered::All, settings.gather_rays);
     Ok(indirect_light((lit, settings), &gbuffer.queries(), direct, gathered, progress)?.irradiance)
 }
 
