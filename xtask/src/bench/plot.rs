@@ -52,6 +52,7 @@ fn draw(text: &mut String, scene: &SceneCurves, clock: Clock) -> Result<(), Box<
         .build_cartesian_2d(times.clone().log_scale(), errors.log_scale())?;
     chart
         .configure_mesh()
+        .y_labels(20)
         .x_desc(match clock {
             Clock::Wall => "time of the whole process, s",
             Clock::Processor => "processor time of the whole process, all threads, s",
