@@ -136,8 +136,8 @@ pub struct EngineReport {
     pub uncovered: u64,
     /// Interpolated.
     pub interpolated: Reading,
-    /// Through a final gather.
-    pub gathered: Reading,
+    /// Through a final gather; `None` where that took longer than the time limit.
+    pub gathered: Option<Reading>,
     /// What the command warned about.
     pub warnings: Vec<String>,
 }
@@ -265,7 +265,8 @@ impl Bench<'_> {
             }));
         };
         let read = |gather| self.read(source, truth, (&solution, engine.id), &flags, gather);
-        let (interpolated, gathered) = (read(None)?, read(Some(self.effort.gather_rays))?);
+        let interpolated = read(None)?.context("interpolation took longer than the time limit")?;
+        let gathered = read(Some(self.effort.gather_rays))?;
         let stages = median_stages(&answers);
         let processor: Vec<f64> = processes.iter().filter_map(|p| p.usage.processor_seconds).collect();
         let seconds = |of: &dyn Fn(&RunAnswer) -> f64| Spread::of(&answers.iter().map(of).collect::<Vec<_>>());
@@ -323,7 +324,7 @@ impl Bench<'_> {
         Ok(runs)
     }
 
-    /// Errors of the irradiance read from a solution, and the seconds that reading took.
+    /// Errors of the irradiance read from a solution, and the seconds that reading took; `None` beyond the time limit.
     fn read(
         &self,
         source: &Source,
@@ -331,19 +332,23 @@ impl Bench<'_> {
         (solution, engine): (&Path, &str),
         flags: &[String],
         gather_rays: Option<u32>,
-    ) -> Result<Reading> {
+    ) -> Result<Option<Reading>> {
         let how = if gather_rays.is_some() { "gathered" } else { "interpolated" };
         let out = self.file(source, &format!("{engine}-{how}.csv"));
         let mut command = strings(&["points", &source.argument, "--force", "--solution"]);
         command.push(shown(solution));
         command.extend(["--at".into(), shown(&truth.points), "--out".into(), shown(&out)]);
+        command.extend(["--max-time".into(), format!("{}s", self.effort.limit_seconds)]);
         command.extend(gather_rays.into_iter().flat_map(|n| ["--final-gather".into(), n.to_string()]));
         command.extend_from_slice(flags);
         let answer = self.hplt.ask(&command, Some(NOT_CONVERGED))?;
         let read = RunAnswer::parse(&answer.document)?;
+        if read.is_cut_short() {
+            return Ok(None);
+        }
         let seconds = read.seconds_of("direct light of points") + read.seconds_of("indirect light of points");
         let (all, lit) = compare(self.hplt, &out, truth)?;
-        Ok(Reading { gather_rays, all, lit, seconds })
+        Ok(Some(Reading { gather_rays, all, lit, seconds }))
     }
 
     fn file(&self, source: &Source, name: &str) -> PathBuf {

@@ -25,10 +25,12 @@ use anyhow::{Context, Result, bail};
 
 use crate::shell::root;
 use child::Hplt;
+use curves::Clock;
 use engines::{ENGINES, Engine};
 use evidence::MAX_PAIRS;
 use machine::Machine;
 use measure::{Bench, Effort};
+use published::Published;
 use scenes::{CASES, Case, Source};
 use table::Report;
 
@@ -63,6 +65,9 @@ pub struct Options {
     /// Draw error against time instead of printing the tables: every variant and the path tracer at five budgets or more.
     #[arg(long, conflicts_with_all = ["baseline", "engine", "runs"])]
     curves: bool,
+    /// Time in the pictures of the curves.
+    #[arg(long, value_enum, default_value = "wall", requires = "curves")]
+    clock: Clock,
     /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
@@ -96,7 +101,7 @@ pub fn run(options: &Options) -> Result<()> {
     let cases: Vec<(&Case, Source)> =
         options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
     if options.curves {
-        return draw_curves(&bench, &cases);
+        return draw_curves(&bench, &cases, options.clock);
     }
     match &options.baseline {
         Some(old) => compare(&bench, &Hplt::found(old)?, &cases, usize::from(options.pairs.unwrap_or(8))),
@@ -112,14 +117,14 @@ fn compare(bench: &Bench<'_>, old: &Hplt, cases: &[(&Case, Source)], n_pairs: us
     baseline::check(&findings)
 }
 
-fn draw_curves(bench: &Bench<'_>, cases: &[(&Case, Source)]) -> Result<()> {
+fn draw_curves(bench: &Bench<'_>, cases: &[(&Case, Source)], clock: Clock) -> Result<()> {
     let mut scenes = Vec::new();
     for (case, source) in cases {
         scenes.push(curves::measure(bench, case, source).with_context(|| format!("cannot measure {}", case.title))?);
         // After every scene, since each takes minutes.
-        curves::write(bench.folder, &scenes)?;
+        curves::write(bench.folder, &scenes, clock)?;
     }
-    let text = curves::write(bench.folder, &scenes)?;
+    let text = curves::write(bench.folder, &scenes, clock)?;
     println!("{text}");
     write(bench.folder, "curves.md", &text)
 }
@@ -128,24 +133,28 @@ fn tables(
     bench: &Bench<'_>,
     cases: &[(&Case, Source)],
     options: &Options,
-    (machine, mut warnings): (Machine, Vec<String>),
+    (machine, warnings): (Machine, Vec<String>),
 ) -> Result<()> {
     let engines = options.engines();
-    let mut scenes = Vec::new();
+    let published: Vec<_> = cases.iter().map(|(case, _)| case.published).collect();
+    let mut report = Report { machine, mode: options.mode(), scenes: Vec::new(), warnings };
     for (case, source) in cases {
         let scene = bench.scene(case, source, &engines).with_context(|| format!("cannot measure {}", case.title))?;
         for engine in &scene.engines {
-            warnings.extend(engine.warnings.iter().map(|w| format!("{}, {}: {w}", scene.title, engine.title)));
+            report.warnings.extend(engine.warnings.iter().map(|w| format!("{}, {}: {w}", scene.title, engine.title)));
         }
-        scenes.push(scene);
+        report.scenes.push(scene);
+        // After every scene, since each may take many minutes.
+        write_tables(bench.folder, &report, &published)?;
     }
-    let report = Report { machine, mode: options.mode(), scenes, warnings };
-    let published: Vec<_> = cases.iter().map(|(case, _)| case.published).collect();
-    let text = report.markdown(&published);
-    println!("{text}");
-    write(bench.folder, "report.md", &text)?;
-    write(bench.folder, "report.json", &format!("{}\n", serde_json::to_string_pretty(&report)?))?;
-    write(bench.folder, "report.csv", &report.csv())
+    println!("{}", report.markdown(&published));
+    Ok(())
+}
+
+fn write_tables(folder: &Path, report: &Report, published: &[&Published]) -> Result<()> {
+    write(folder, "report.md", &report.markdown(published))?;
+    write(folder, "report.json", &format!("{}\n", serde_json::to_string_pretty(report)?))?;
+    write(folder, "report.csv", &report.csv())
 }
 
 fn write(folder: &Path, name: &str, content: &str) -> Result<()> {

@@ -1,20 +1,24 @@
 //! Curves as a picture (SVG).
 
+use std::error::Error;
 use std::ops::Range;
 use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use plotters::backend::SVGBackend;
-use plotters::chart::{ChartBuilder, SeriesLabelPosition};
+use plotters::chart::ChartBuilder;
+use plotters::coord::Shift;
 use plotters::coord::combinators::IntoLogRange;
-use plotters::drawing::IntoDrawingArea;
-use plotters::element::{Circle, PathElement};
-use plotters::series::LineSeries;
-use plotters::style::{BLACK, Color, RGBColor, ShapeStyle, WHITE};
+use plotters::drawing::{DrawingArea, IntoDrawingArea};
+use plotters::element::{Circle, PathElement, Text};
+use plotters::series::{DashedLineSeries, LineSeries};
+use plotters::style::{BLACK, Color, IntoTextStyle, RGBAColor, RGBColor, ShapeStyle, TRANSPARENT, WHITE};
 
-use super::curves::SceneCurves;
+use super::curves::{Clock, SceneCurves};
 
 const SIZE: (u32, u32) = (860, 560);
+const LEGEND_WIDTH: u32 = 150;
+const HIDDEN: ShapeStyle = ShapeStyle { color: RGBAColor(0, 0, 0, 0.0), filled: false, stroke_width: 0 };
 const FONT: &str = "sans-serif";
 /// Distinct for eyes that tell few colours apart too: Okabe & Ito 2008.
 const COLOURS: [RGBColor; 5] =
@@ -24,61 +28,71 @@ const COLOURS: [RGBColor; 5] =
 ///
 /// # Errors
 /// When there is nothing to draw, or the file cannot be written.
-pub fn write(path: &Path, scene: &SceneCurves) -> Result<()> {
+pub fn write(path: &Path, scene: &SceneCurves, clock: Clock) -> Result<()> {
     let mut text = String::new();
-    draw(&mut text, scene).map_err(|problem| anyhow!("{}: {problem}", scene.title))?;
+    draw(&mut text, scene, clock).map_err(|problem| anyhow!("{}: {problem}", scene.title))?;
     Ok(std::fs::write(path, text)?)
 }
 
-fn draw(text: &mut String, scene: &SceneCurves) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(text: &mut String, scene: &SceneCurves, clock: Clock) -> Result<(), Box<dyn Error>> {
     let points = || scene.curves.iter().flat_map(|c| &c.points);
-    let times = range(points().map(|p| p.seconds)).ok_or("no times")?;
+    let times = range(points().map(|p| clock.of(p))).ok_or("no times")?;
     let errors = range(points().map(|p| p.mean).chain([scene.reference.mean])).ok_or("no errors")?;
     let area = SVGBackend::with_string(text, SIZE).into_drawing_area();
     area.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&area)
-        .caption(format!("{}: error against time, {} points", scene.title, scene.n_points), (FONT, 20))
-        .margin(16)
+    let area = area.titled(
+        &format!("{}: error against time, {} points", scene.title, scene.n_points),
+        (FONT, 20).into_text_style(&area),
+    )?;
+    let (left, right) = area.split_horizontally(SIZE.0 - LEGEND_WIDTH);
+    let mut chart = ChartBuilder::on(&left)
+        .margin(12)
         .x_label_area_size(48)
-        .y_label_area_size(72)
+        .y_label_area_size(76)
         .build_cartesian_2d(times.clone().log_scale(), errors.log_scale())?;
     chart
         .configure_mesh()
-        .x_desc("time of the whole process, s")
+        .y_labels(20)
+        .x_desc(match clock {
+            Clock::Wall => "time of the whole process, s",
+            Clock::Processor => "processor time of the whole process, all threads, s",
+        })
         .y_desc("mean relative error of total irradiance")
         .x_label_formatter(&|x| plain(*x))
         .y_label_formatter(&|y| format!("{} %", plain(100.0 * y)))
-        .label_style((FONT, 15))
-        .axis_desc_style((FONT, 16))
-        .bold_line_style(BLACK.mix(0.25))
-        .light_line_style(BLACK.mix(0.07))
+        .label_style((FONT, 14))
+        .axis_desc_style((FONT, 15))
+        .bold_line_style(BLACK.mix(0.18))
+        .light_line_style(TRANSPARENT)
         .draw()?;
-    let floor = ShapeStyle { color: BLACK.mix(0.6), filled: false, stroke_width: 1 };
     let se = scene.reference.mean;
-    chart
-        .draw_series(plotters::series::DashedLineSeries::new([(times.start, se), (times.end, se)], 4, 4, floor))?
-        .label("standard error of the reference")
-        .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], floor));
+    chart.draw_series(DashedLineSeries::new([(times.start, se), (times.end, se)], 4, 4, reference_style()))?;
     for (curve, colour) in scene.curves.iter().zip(COLOURS.iter().cycle()) {
-        let line = colour.stroke_width(2);
-        let points = || curve.points.iter().map(|p| (p.seconds, p.mean));
-        chart
-            .draw_series(LineSeries::new(points(), line))?
-            .label(curve.title.clone())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], line.stroke_width(3)));
+        let points = || curve.points.iter().map(|p| (clock.of(p), p.mean));
+        chart.draw_series(LineSeries::new(points(), colour.stroke_width(2)))?;
         chart.draw_series(points().map(|at| Circle::new(at, 4, colour.filled())))?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .margin(10)
-        .legend_area_size(32)
-        .background_style(WHITE.mix(0.9))
-        .border_style(BLACK.mix(0.4))
-        .label_font((FONT, 15))
-        .draw()?;
+    draw_legend(&right, scene)?;
     area.present()?;
     Ok(())
+}
+
+/// Beside the chart, so that it hides nothing.
+fn draw_legend(area: &DrawingArea<SVGBackend<'_>, Shift>, scene: &SceneCurves) -> Result<(), Box<dyn Error>> {
+    let curves = scene.curves.iter().zip(COLOURS.iter().cycle());
+    let lines = curves.map(|(curve, colour)| (curve.title.as_str(), colour.stroke_width(3)));
+    for (i, (title, style)) in
+        lines.chain([("standard error", reference_style()), ("of the reference", HIDDEN)]).enumerate()
+    {
+        let y = 40 + 24 * i as i32;
+        area.draw(&PathElement::new([(0, y), (24, y)], style))?;
+        area.draw(&Text::new(title.to_owned(), (32, y - 7), (FONT, 14)))?;
+    }
+    Ok(())
+}
+
+fn reference_style() -> ShapeStyle {
+    ShapeStyle { color: BLACK.mix(0.6), filled: false, stroke_width: 1 }
 }
 
 /// A little more than the values take, on a logarithmic axis.
@@ -104,7 +118,7 @@ mod tests {
     #[test]
     fn the_picture_names_its_axes_methods_and_points() {
         let mut svg = String::new();
-        draw(&mut svg, &scene()).unwrap();
+        draw(&mut svg, &scene(), Clock::Wall).unwrap();
         for text in [
             "time of the whole process, s",
             "mean relative error",
@@ -123,7 +137,7 @@ mod tests {
     fn without_a_point_there_is_no_picture() {
         let mut empty = scene();
         empty.curves.clear();
-        assert!(draw(&mut String::new(), &empty).is_err());
+        assert!(draw(&mut String::new(), &empty, Clock::Wall).is_err());
     }
 
     #[test]

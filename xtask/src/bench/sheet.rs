@@ -1,6 +1,6 @@
 //! The report as comma-separated values.
 
-use super::measure::{EngineReport, SceneReport};
+use super::measure::{EngineReport, Reading, SceneReport};
 
 /// Names of the columns.
 pub const CSV_HEAD: [&str; 43] = [
@@ -70,10 +70,13 @@ pub fn csv_row(scene: &SceneReport, engine: &EngineReport) -> Vec<String> {
     cells.extend([e.integrals, e.rays].map(|n| n.to_string()));
     cells.push(e.rays_per_second.to_string());
     cells.extend([e.escaped, e.uncovered].map(|n| n.to_string()));
-    for reading in [&e.interpolated, &e.gathered] {
-        cells.extend(reading.gather_rays.map(|n| n.to_string()));
-        let a = &reading.all;
-        cells.extend([a.mean, a.median, a.p95, a.bias, reading.lit.mean, reading.seconds].map(|x| x.to_string()));
-    }
+    cells.extend(reading(Some(&e.interpolated)));
+    cells.push(known(e.gathered.and_then(|g| g.gather_rays).map(|n| n.to_string())));
+    cells.extend(reading(e.gathered.as_ref()));
     cells
+}
+
+fn reading(of: Option<&Reading>) -> [String; 6] {
+    let Some(r) = of else { return Default::default() };
+    [r.all.mean, r.all.median, r.all.p95, r.all.bias, r.lit.mean, r.seconds].map(|x| x.to_string())
 }

@@ -171,7 +171,7 @@ fn error_rows(scene: &SceneReport, engine: &EngineReport) -> Vec<Vec<String>> {
         cells.push(format!("{} + {}", seconds(engine.solve.median), seconds(reading.seconds)));
         cells
     };
-    vec![line(&engine.interpolated), line(&engine.gathered)]
+    std::iter::once(&engine.interpolated).chain(&engine.gathered).map(line).collect()
 }
 
 fn time_row(scene: &SceneReport, engine: &EngineReport) -> Vec<String> {
@@ -225,7 +225,8 @@ pub fn variant_of(id: &str) -> Variant {
 
 /// Mean errors, interpolated and gathered.
 pub fn errors(engine: &EngineReport) -> String {
-    format!("{} / {}", percent(engine.interpolated.all.mean), percent(engine.gathered.all.mean))
+    let gathered = engine.gathered.map_or("not within the time limit".into(), |g| percent(g.all.mean));
+    format!("{} / {gathered}", percent(engine.interpolated.all.mean))
 }
 
 fn functions(engine: &EngineReport) -> String {
@@ -284,7 +285,7 @@ mod tests {
             escaped: 30_000,
             uncovered: 2,
             interpolated: reading(0.0123, None),
-            gathered: reading(0.0045, Some(4096)),
+            gathered: Some(reading(0.0045, Some(4096))),
             warnings: vec![],
         }
     }
@@ -370,9 +371,11 @@ mod tests {
     fn a_run_that_was_cut_short_says_so_and_is_not_compared() {
         let mut scene = scene("Cornell", &["v1"]);
         scene.engines[0].cut_short_after = Some(600);
+        scene.engines[0].gathered = None;
         let text = report(vec![scene]).markdown(&[CASES[0].published]);
         assert!(text.contains("cut short at 600 s") && text.contains("the time limit of 600 s, after 3 bounces"));
-        assert!(!text.contains("published time over ours"));
+        assert!(!text.contains("published time over ours") && !text.contains("gathered, 4096"));
+        assert!(line(&text, &["750k"]).contains("1.23 % / not within the time limit"));
     }
 
     #[test]
