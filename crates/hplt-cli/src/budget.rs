@@ -150,7 +150,7 @@ impl Attempt {
         if !self.is_last && next <= left {
             return None;
         }
-        let affordable = gathers().filter(|&n| self.gather_seconds(n_receivers, n) <= left).last();
+        let affordable = gathers().rfind(|&n| self.gather_seconds(n_receivers, n) <= left);
         let gathered = affordable.map(Reading::Gathered).filter(|&r| self.expected(r) < self.error);
         Some(gathered.unwrap_or(Reading::Interpolated))
     }
