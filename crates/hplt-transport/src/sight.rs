@@ -14,6 +14,8 @@ use crate::Model;
 
 /// Functions that answer at least, for their spread to mean anything.
 const LEAST_FUNCTIONS: usize = 3;
+/// Functions that differ by less than this of their mean agree.
+const AGREEMENT: f32 = 0.03;
 /// Share of the weights at least that must be in sight.
 const LEAST_SHARE: f32 = 0.5;
 
@@ -137,10 +139,21 @@ fn read_levels_in_sight(
     if coverage.nearest + coverage.uncovered > 0 {
         return guess(all);
     }
-    expansion.retain(|w| {
+    let spread_of = |expansion: &[Weight], mean: Rgb, share: f32| {
+        let square = |w: &Weight| (luminance(value(w)) - luminance(mean)).powi(2) * w.weight;
+        (expansion.iter().map(square).sum::<f32>() / share).sqrt()
+    };
+    let sees = |w: &Weight| {
         let (level, i) = basis.level_of(w.function);
         is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
-    });
+    };
+    let first = expansion.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
+    let spread = spread_of(expansion, all, 1.0);
+    // Where all agree, one that is in sight is as good as all.
+    if expansion.len() >= LEAST_FUNCTIONS && spread <= AGREEMENT * luminance(all) && first.is_some_and(sees) {
+        return Reading { irradiance: all, spread };
+    }
+    expansion.retain(sees);
     let share: f32 = expansion.iter().map(|w| w.weight).sum();
     if share <= 0.0 {
         return guess(all);
@@ -149,10 +162,7 @@ fn read_levels_in_sight(
     if share < LEAST_SHARE || expansion.len() < LEAST_FUNCTIONS {
         return guess(irradiance);
     }
-    let mean = luminance(irradiance);
-    let square = |w: &Weight| (luminance(value(w)) - mean) * (luminance(value(w)) - mean) * w.weight;
-    let variance = expansion.iter().map(square).sum::<f32>() / share;
-    Reading { irradiance, spread: variance.sqrt() }
+    Reading { irradiance, spread: spread_of(expansion, irradiance, share) }
 }
 
 /// Buffers of [`read_in_sight`].
