@@ -9,7 +9,7 @@ use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
 
 use crate::Model;
-use crate::emitters::{Emitter, Emitters};
+use crate::emitters::{Choice, Emitter, Emitters, Guides, choosing};
 use crate::gather::Counter;
 use crate::next_event::from_point;
 use crate::sky::SkySampler;
@@ -164,7 +164,7 @@ impl<'s> DirectLight<'s> {
 /// of `stage`. Zero in dark regions.
 ///
 /// Few emitters: for each of uniform exitance the exact unoccluded irradiance (Lambert's polygon formula) times the visible
-/// fraction, a ratio estimator that is free of noise where nothing is in the way. Many: chosen by power. The sky: constant
+/// fraction, a ratio estimator that is free of noise where nothing is in the way. Many: chosen by about what each brings. The sky: constant
 /// by cosine-distributed rays; a map by the balance heuristic between those and its radiance.
 ///
 /// # Errors
@@ -235,6 +235,7 @@ pub(crate) struct Shadows {
     brings: Vec<Rgb>,
     /// Whose light each brings, where several groups are sampled together.
     groups: Vec<LightGroupId>,
+    guides: Guides,
     occluded: Vec<bool>,
     hits: Vec<Hit>,
 }
@@ -346,9 +347,11 @@ impl PointSampler<'_> {
         let OrientedPoint { position, normal, .. } = *self.point;
         let n = self.light.options.light_samples;
         let scramble = self.seeds.of(1, 0);
+        let mut guides = std::mem::take(&mut shadows.guides);
+        let mut chooser = self.light.emitters.at(self.point, n, &mut guides);
         for k in 0..n {
-            let choice = sobol::sobol_2d(k, scramble, 1);
-            let (emitter, probability, _) = self.light.emitters.choose(choice.x);
+            let by = choosing(sobol::sobol_2d(k, scramble, 1));
+            let Some(Choice { emitter, probability, .. }) = chooser.choose(by) else { continue };
             let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
             let target = emitter.point(u, v);
             let weight = emitter.kernel(position, normal, target) / (n as f32 * probability);
@@ -358,6 +361,7 @@ impl PointSampler<'_> {
             }
             shadows.push(self.segment_to(emitter, target), brings);
         }
+        shadows.guides = guides;
         shadows.trace(caster);
         for ((&group, brings), occluded) in shadows.groups.iter().zip(&shadows.brings).zip(&shadows.occluded) {
             if !occluded {

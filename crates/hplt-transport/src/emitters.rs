@@ -1,11 +1,15 @@
 //! Emissive triangles as light sources.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::{area_kernel, luminance, polygon_form_factor};
-use hplt_geom::{LightGroupId, LightGroups, Material, Rgb, Scene, TriangleId};
+use hplt_geom::{LightGroupId, LightGroups, Material, OrientedPoint, Rgb, Scene, TriangleId};
+
+use crate::light_tree::{Cut, LightTree};
 
 /// Above this many emitters a point samples some of them instead of all.
 const MANY: usize = 32;
+/// Least cosine in the estimate of what an emitter brings, which only guides the choice of one.
+const LEAST_COSINE: f32 = 0.05;
 
 /// One side of one emissive triangle.
 #[derive(Debug, Clone)]
@@ -19,6 +23,8 @@ pub(crate) struct Emitter {
     pub group: LightGroupId,
     /// Exitance when it is the same all over; `None` when textured.
     pub uniform_exitance: Option<Rgb>,
+    /// Area times luminance, not 0; textured emitters count with their factor.
+    pub power: f32,
 }
 
 impl Emitter {
@@ -33,6 +39,18 @@ impl Emitter {
     pub fn can_light(&self, position: Vec3, normal: Vec3) -> bool {
         (position - self.corners[0]).dot(self.normal) > 0.0
             && self.corners.iter().any(|c| (*c - position).dot(normal) > 0.0)
+    }
+
+    /// About what it brings to a point, and 0 only where that is nothing: guides the choice of an emitter.
+    pub fn guide(&self, position: Vec3, normal: Vec3) -> f64 {
+        if !self.can_light(position, normal) {
+            return 0.0;
+        }
+        let to = self.point(1.0 / 3.0, 1.0 / 3.0) - position;
+        let distance_squared = to.length_squared().max(self.area * 0.1).max(f32::MIN_POSITIVE);
+        let direction = to.normalize_or_zero();
+        let cosines = normal.dot(direction).max(LEAST_COSINE) * (-self.normal.dot(direction)).max(LEAST_COSINE);
+        f64::from(self.power) * f64::from(cosines) / f64::from(distance_squared)
     }
 
     /// The point at barycentric weights `(1-u-v, u, v)`.
@@ -64,8 +82,17 @@ impl Emitter {
 #[derive(Debug, Clone)]
 pub(crate) struct Emitters {
     pub all: Vec<Emitter>,
-    /// Running share of the power, ending at 1; empty when every point samples every emitter.
-    cumulative: Vec<f32>,
+    /// `None` when every point samples every emitter.
+    pub tree: Option<LightTree>,
+}
+
+/// One emitter of all.
+pub(crate) struct Choice<'e> {
+    pub emitter: &'e Emitter,
+    /// Of this choice.
+    pub probability: f32,
+    /// The number that chose, made uniform in `[0, 1)` again.
+    pub again: f32,
 }
 
 impl Emitters {
@@ -80,22 +107,92 @@ impl Emitters {
                 }
             }
         }
-        let cumulative = if all.len() > MANY { cumulative_power(scene, &all) } else { Vec::new() };
-        Self { all, cumulative }
+        Self::of(all)
+    }
+
+    fn of(mut all: Vec<Emitter>) -> Self {
+        let tree = (all.len() > MANY).then(|| LightTree::build(&mut all));
+        Self { all, tree }
     }
 
     /// Whether points should sample some emitters rather than all of them.
     pub fn is_many(&self) -> bool {
-        !self.cumulative.is_empty()
+        self.tree.is_some()
     }
 
-    /// An emitter chosen by power with `u` in `[0, 1)`, the probability of that choice, and `u` made uniform again.
-    pub fn choose(&self, u: f32) -> (&Emitter, f32, f32) {
-        let i = self.cumulative.partition_point(|&c| c <= u).min(self.all.len() - 1);
-        let below = if i == 0 { 0.0 } else { self.cumulative[i - 1] };
-        let probability = self.cumulative[i] - below;
-        (&self.all[i], probability, ((u - below) / probability).clamp(0.0, 1.0 - f32::EPSILON))
+    /// How `point` chooses between them, so many times.
+    pub fn at<'e, 'g>(&'e self, point: &OrientedPoint, n_draws: u32, guides: &'g mut Guides) -> Chooser<'e, 'g> {
+        let OrientedPoint { position, normal, .. } = *point;
+        match &self.tree {
+            Some(tree) => tree.cut(&self.all, (position, normal), n_draws, &mut guides.cut),
+            // One leaf of all.
+            None => {
+                guides.cut.clear();
+                guides.cut.push((0, 1.0));
+            }
+        }
+        let total = guides.cut.iter().map(|(_, importance)| importance).sum();
+        Chooser { emitters: self, position, normal, total, guides }
     }
+}
+
+/// Buffers of choices.
+#[derive(Default)]
+pub(crate) struct Guides {
+    cut: Cut,
+    members: Vec<f64>,
+}
+
+/// What one point knows of the emitters.
+pub(crate) struct Chooser<'e, 'g> {
+    emitters: &'e Emitters,
+    position: Vec3,
+    normal: Vec3,
+    /// Of the importances of the cut.
+    total: f64,
+    guides: &'g mut Guides,
+}
+
+impl<'e> Chooser<'e, '_> {
+    /// An emitter chosen by about what each brings to the point, with `u` in `[0, 1)`. `None` where none brings anything, or where
+    /// the choice falls on a group of them of which that is true.
+    pub fn choose(&mut self, u: f64) -> Option<Choice<'e>> {
+        let all = &self.emitters.all;
+        let (i, of_cut, u) = pick(self.guides.cut.iter().map(|(_, importance)| *importance), self.total, u)?;
+        let (members, of_members, u) = match &self.emitters.tree {
+            Some(tree) => tree.descend(all, self.guides.cut[i].0, (self.position, self.normal), u)?,
+            None => (0..all.len(), 1.0, u),
+        };
+        let members = &all[members];
+        let guides = &mut self.guides.members;
+        guides.clear();
+        guides.extend(members.iter().map(|emitter| emitter.guide(self.position, self.normal)));
+        let (i, of_guides, again) = pick(guides.iter().copied(), guides.iter().sum(), u)?;
+        let again = (again as f32).min(1.0 - f32::EPSILON);
+        Some(Choice { emitter: &members[i], probability: (of_cut * of_members * of_guides) as f32, again })
+    }
+}
+
+/// The index that `u` in `[0, 1)` chooses by weights of the given sum, its probability, and `u` made uniform again. `None` where all are 0.
+fn pick(weights: impl Iterator<Item = f64>, total: f64, u: f64) -> Option<(usize, f64, f64)> {
+    let (mut rest, mut last) = (u * total, None);
+    for (i, weight) in weights.enumerate() {
+        if weight > 0.0 {
+            // Rounding may leave a rest: it belongs to the last.
+            let again = (rest / weight).clamp(0.0, 1.0 - f64::EPSILON);
+            last = Some((i, weight / total, again));
+            if rest < weight {
+                break;
+            }
+        }
+        rest -= weight;
+    }
+    last
+}
+
+/// The first coordinate of a sample with the bits that it lacks to choose among millions, taken from the second.
+pub(crate) fn choosing(sample: Vec2) -> f64 {
+    f64::from(sample.x) + f64::from(sample.y) * f64::from(f32::EPSILON) * 0.5
 }
 
 fn emitter(
@@ -105,27 +202,15 @@ fn emitter(
     is_front: bool,
 ) -> Emitter {
     let side = if is_front { 1.0 } else { -1.0 };
+    let area = scene.mesh().area(triangle) as f32;
     Emitter {
         corners: scene.mesh().corners(triangle),
         normal: scene.mesh().face_normal(triangle) * side,
-        area: scene.mesh().area(triangle) as f32,
+        area,
         triangle,
         is_front,
         group,
         uniform_exitance: material.exitance_texture.is_none().then_some(material.exitance),
+        power: (area * luminance(material.exitance)).clamp(f32::MIN_POSITIVE, f32::MAX),
     }
-}
-
-/// Shares proportional to area times luminance; textured emitters count with their factor.
-fn cumulative_power(scene: &Scene, emitters: &[Emitter]) -> Vec<f32> {
-    let power = |e: &Emitter| f64::from(e.area) * f64::from(luminance(scene.material(e.triangle).exitance));
-    let total: f64 = emitters.iter().map(power).sum();
-    let mut sum = 0.0;
-    emitters
-        .iter()
-        .map(|e| {
-            sum += power(e);
-            (sum / total) as f32
-        })
-        .collect()
 }

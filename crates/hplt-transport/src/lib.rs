@@ -27,6 +27,7 @@ mod error;
 mod estimate;
 mod final_gather;
 mod gather;
+mod light_tree;
 mod links;
 mod next_event;
 mod operator;

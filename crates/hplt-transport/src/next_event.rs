@@ -1,15 +1,12 @@
 //! Direct light at the many points that the rays of one receiver meet: about one shadow ray each.
 
 use glam::Vec2;
-use hplt_geom::radiometry::{irradiance_from_uniform_radiance, luminance};
+use hplt_geom::radiometry::irradiance_from_uniform_radiance;
 use hplt_geom::{Hit, LightGroupId, LightShape, OrientedPoint, Ray, RayCaster, Rgb, offset_origin};
 use hplt_sampling::warp;
 
 use crate::DirectLight;
-use crate::emitters::Emitter;
-
-/// Least cosine in the estimate of what an emitter brings, which only guides the choice of one.
-const LEAST_COSINE: f32 = 0.05;
+use crate::emitters::{Choice, Guides, choosing};
 
 /// Shadow rays of a batch of points.
 #[derive(Default)]
@@ -19,7 +16,7 @@ pub(crate) struct NextEvents {
     of: Vec<Origin>,
     occluded: Vec<bool>,
     hits: Vec<Hit>,
-    guides: Vec<f32>,
+    guides: Guides,
     seen: Vec<(Origin, Rgb)>,
 }
 
@@ -89,7 +86,7 @@ impl DirectLight<'_> {
         }
     }
 
-    /// One point on one emitter: where there are few, chosen by what each would bring about.
+    /// One point on one emitter, chosen by what each would bring about.
     fn towards_emitter(
         &self,
         (i, point): (usize, &OrientedPoint),
@@ -97,14 +94,8 @@ impl DirectLight<'_> {
         sample: Vec2,
         events: &mut NextEvents,
     ) {
-        if self.emitters.all.is_empty() {
-            return;
-        }
-        let chosen = match self.emitters.is_many() {
-            true => Some(self.emitters.choose(sample.x)),
-            false => choose_guided(&self.emitters.all, point, sample.x, &mut events.guides),
-        };
-        let Some((emitter, probability, again)) = chosen else { return };
+        let chosen = self.emitters.at(point, 1, &mut events.guides).choose(choosing(sample));
+        let Some(Choice { emitter, probability, again }) = chosen else { return };
         let Vec2 { x: u, y: v } = warp::uniform_triangle(Vec2::new(again, sample.y));
         let target = emitter.point(u, v);
         let kernel = emitter.kernel(point.position, point.normal, target);
@@ -197,43 +188,6 @@ impl DirectLight<'_> {
     }
 }
 
-/// An emitter chosen by about what each brings to `point`, the probability of that choice, and `choice` made
-/// uniform again. `None` where none can.
-fn choose_guided<'e>(
-    emitters: &'e [Emitter],
-    point: &OrientedPoint,
-    choice: f32,
-    guides: &mut Vec<f32>,
-) -> Option<(&'e Emitter, f32, f32)> {
-    guides.clear();
-    guides.extend(emitters.iter().map(|emitter| {
-        if !emitter.can_light(point.position, point.normal) {
-            return 0.0;
-        }
-        let to = emitter.point(1.0 / 3.0, 1.0 / 3.0) - point.position;
-        let distance_squared = to.length_squared().max(emitter.area * 0.1);
-        let direction = to.normalize_or_zero();
-        let cosines =
-            point.normal.dot(direction).max(LEAST_COSINE) * (-emitter.normal.dot(direction)).max(LEAST_COSINE);
-        let power = emitter.uniform_exitance.map_or(1.0, luminance).max(f32::MIN_POSITIVE);
-        power * emitter.area * cosines / distance_squared
-    }));
-    let total: f32 = guides.iter().sum();
-    if total <= 0.0 || !total.is_finite() {
-        return None;
-    }
-    let mut rest = choice * total;
-    let last = guides.iter().rposition(|&g| g > 0.0)?;
-    for (i, &guide) in guides.iter().enumerate() {
-        if guide > 0.0 && (rest < guide || i == last) {
-            let again = (rest / guide).clamp(0.0, 1.0 - f32::EPSILON);
-            return Some((&emitters[i], guide / total, again));
-        }
-        rest -= guide;
-    }
-    None
-}
-
 /// The irradiance at `point` of a point light without occlusion.
 pub(crate) fn from_point(point: &OrientedPoint, position: glam::Vec3, intensity: Rgb) -> Rgb {
     let to = position - point.position;
@@ -247,6 +201,7 @@ pub(crate) fn from_point(point: &OrientedPoint, position: glam::Vec3, intensity:
 
 #[cfg(test)]
 mod tests {
+    use hplt_geom::radiometry::luminance;
     use hplt_geom::{Bvh, BvhOptions, NoProgress, RegionId, Scene};
     use hplt_reference::scenes;
     use hplt_sampling::random::Stage;
