@@ -2,11 +2,13 @@
 
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 use hplt_geom::radiometry::{cone_solid_angle, cosine_pdf_solid_angle};
 
 /// The least cosine that [`cosine_hemisphere`] returns, so that no ray runs along its surface.
 pub const MIN_COSINE: f32 = 1e-6;
+/// The least solid angle that [`spherical_triangle`] tells from rounding, sr.
+const LEAST_SOLID_ANGLE: f64 = 1e-8;
 
 /// A right-handed orthonormal basis whose third column is the unit vector `normal` (Duff et al., "Building an Orthonormal
 /// Basis, Revisited", JCGT 6(1), 2017, listing 3).
@@ -97,6 +99,33 @@ pub fn uniform_triangle(u: Vec2) -> Vec2 {
         let y = 0.5 * u.y;
         Vec2::new(u.x - y, y)
     }
+}
+
+/// A unit direction uniform over the solid angle of a triangle with the given corners, seen from the origin, and that solid angle,
+/// sr (Arvo, "Stratified Sampling of Spherical Triangles", 1995). `None` where it is seen edge-on, or is too small to tell.
+pub fn spherical_triangle(u: Vec2, corners: [Vec3; 3]) -> Option<(Vec3, f32)> {
+    let [a, b, c] = corners.map(|p| p.as_dvec3().normalize_or_zero());
+    let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)].map(DVec3::normalize_or_zero);
+    let angle = |p: DVec3, q: DVec3| (-p.dot(q)).clamp(-1.0, 1.0).acos();
+    let cos_alpha = -ca.dot(ab);
+    let (alpha, beta, gamma) = (angle(ca, ab), angle(ab, bc), angle(bc, ca));
+    let solid_angle = alpha + beta + gamma - std::f64::consts::PI;
+    if solid_angle < LEAST_SOLID_ANGLE || [ab, bc, ca].contains(&DVec3::ZERO) {
+        return None;
+    }
+    // The part of it on the side of `a` and `b` whose area is the first number's share ends at `d` on the arc from `a` to `c`.
+    let sin_alpha = alpha.sin();
+    let (sin, cos) = (f64::from(u.x) * solid_angle - alpha).sin_cos();
+    let (p, q) = (cos - cos_alpha, sin + sin_alpha * a.dot(b));
+    let below = (q * sin + p * cos) * sin_alpha;
+    let cos_ad = if below == 0.0 { 1.0 } else { (((q * cos - p * sin) * cos_alpha - q) / below).clamp(-1.0, 1.0) };
+    let from = |start: DVec3, towards: DVec3, cos: f64| {
+        let side = (towards - towards.dot(start) * start).normalize_or_zero();
+        cos * start + (1.0 - cos * cos).max(0.0).sqrt() * side
+    };
+    let d = from(a, c, cos_ad);
+    let direction = from(b, d, 1.0 - f64::from(u.y) * (1.0 - d.dot(b)));
+    Some((direction.as_vec3(), solid_angle as f32))
 }
 
 /// The density of [`uniform_triangle`] per unit area of a triangle of the given area.

@@ -208,3 +208,36 @@ fn triangles_are_uniform() {
     assert!((mean(256, |u| weight(u)[0] * weight(u)[1]) - 1.0 / 12.0).abs() < 1e-4);
     assert_eq!(warp::uniform_triangle_pdf_area(0.25), 4.0);
 }
+
+/// Uniform over the solid angle of a triangle, near or far, wound either way: the area is that of van Oosterom & Strackee (1983),
+/// every direction hits the triangle, and the mean cosine is the exact form factor.
+#[test]
+fn spherical_triangles_are_uniform_in_solid_angle() {
+    let octant = [Vec3::X, 2.0 * Vec3::Y, 0.5 * Vec3::Z];
+    let flat = [Vec3::new(-3.0, -1.0, 0.2), Vec3::new(4.0, -0.5, 0.2), Vec3::new(0.5, 5.0, 0.2)];
+    let far = [Vec3::new(0.3, 0.0, 2.0), Vec3::new(0.9, 0.1, 2.1), Vec3::new(0.2, 0.7, 1.8)];
+    for corners in [octant, flat, far] {
+        let [a, b, c] = corners.map(|p| p.as_dvec3().normalize());
+        let expected = 2.0 * a.dot(b.cross(c)).abs().atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
+        let factor = hplt_geom::radiometry::polygon_form_factor(glam::DVec3::Z, &[a, b, c]).abs();
+        for corners in [corners, [corners[0], corners[2], corners[1]]] {
+            let sample = |u| warp::spherical_triangle(u, corners).unwrap();
+            assert!((f64::from(sample(Vec2::splat(0.5)).1) / expected - 1.0).abs() < 1e-5);
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+            let hits = |d: Vec3| {
+                let p = d * (corners[0].dot(normal) / d.dot(normal));
+                let edge = |i: usize| {
+                    let side = (corners[(i + 1) % 3] - corners[i]).cross(p - corners[i]);
+                    side.dot(normal) >= -1e-4 * normal.length_squared()
+                };
+                (0..3).all(edge)
+            };
+            assert!(grid(64).all(|u| hits(sample(u).0)));
+            // E = ∫ cosθ/π dω: the form factor, from its definition.
+            let cosines = mean(256, |u| f64::from(warp::cosine_hemisphere_pdf_solid_angle(sample(u).0.z)));
+            assert!((cosines * expected / factor - 1.0).abs() < 1e-4, "{} {factor}", cosines * expected);
+        }
+    }
+    assert_eq!(warp::spherical_triangle(Vec2::ZERO, [Vec3::X, Vec3::Y, Vec3::X]), None);
+    assert_eq!(warp::spherical_triangle(Vec2::ZERO, [Vec3::X, Vec3::Y, Vec3::X + Vec3::Y]), None);
+}

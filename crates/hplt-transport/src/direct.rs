@@ -1,4 +1,4 @@
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 use hplt_basis::{Absolute, Coefficients, ShepardBasis, restrict};
 use hplt_geom::radiometry::irradiance_from_uniform_radiance;
 use hplt_geom::{
@@ -307,11 +307,8 @@ impl PointSampler<'_> {
         let mut cast = |range: std::ops::Range<u32>| {
             shadows.clear();
             for k in range {
-                let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
-                let target = emitter.point(u, v);
-                let exitance = emitter.exitance(self.light.scene, u, v);
-                let brings = exitance * emitter.kernel(position, normal, target);
-                shadows.push(self.segment_to(emitter, target), brings);
+                let aim = emitter.aim(self.light.scene, position, normal, sobol::sobol_2d(k, scramble, 0));
+                shadows.push(self.segment_to(emitter, aim.target), aim.brings);
             }
             shadows.trace(caster)
         };
@@ -352,14 +349,12 @@ impl PointSampler<'_> {
         for k in 0..n {
             let by = choosing(sobol::sobol_2d(k, scramble, 1));
             let Some(Choice { emitter, probability, .. }) = chooser.choose(by) else { continue };
-            let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol::sobol_2d(k, scramble, 0));
-            let target = emitter.point(u, v);
-            let weight = emitter.kernel(position, normal, target) / (n as f32 * probability);
-            let brings = emitter.exitance(self.light.scene, u, v) * weight;
+            let aim = emitter.aim(self.light.scene, position, normal, sobol::sobol_2d(k, scramble, 0));
+            let brings = aim.brings / (n as f32 * probability);
             if brings != Rgb::ZERO {
                 shadows.groups.push(emitter.group);
             }
-            shadows.push(self.segment_to(emitter, target), brings);
+            shadows.push(self.segment_to(emitter, aim.target), brings);
         }
         shadows.guides = guides;
         shadows.trace(caster);

@@ -6,7 +6,7 @@ use hplt_geom::{Hit, LightGroupId, LightShape, OrientedPoint, Ray, RayCaster, Rg
 use hplt_sampling::warp;
 
 use crate::DirectLight;
-use crate::emitters::{Choice, Guides, choosing};
+use crate::emitters::{Aim, Choice, Guides, choosing};
 
 /// Shadow rays of a batch of points.
 #[derive(Default)]
@@ -96,11 +96,9 @@ impl DirectLight<'_> {
     ) {
         let chosen = self.emitters.at(point, 1, &mut events.guides).choose(choosing(sample));
         let Some(Choice { emitter, probability, again }) = chosen else { return };
-        let Vec2 { x: u, y: v } = warp::uniform_triangle(Vec2::new(again, sample.y));
-        let target = emitter.point(u, v);
-        let kernel = emitter.kernel(point.position, point.normal, target);
-        let brings = emitter.exitance(self.scene, u, v) * (kernel / probability);
-        events.push(i, emitter.group, Ray::segment(origin, offset_origin(target, emitter.normal)), brings);
+        let Aim { target, brings } = emitter.aim(self.scene, point.position, point.normal, Vec2::new(again, sample.y));
+        let ray = Ray::segment(origin, offset_origin(target, emitter.normal));
+        events.push(i, emitter.group, ray, brings / probability);
     }
 
     fn towards_sky(
