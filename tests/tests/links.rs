@@ -1,6 +1,6 @@
 //! Links: rays traced once, all bounces solved at once, functions only where they are needed.
 
-use hplt::basis::{Layered, Reconstruction};
+use hplt::basis::{Coefficients, Layered, Reconstruction};
 use hplt::geom::glam::{DVec3, Vec3};
 use hplt::geom::radiometry::luminance;
 use hplt::geom::{Interrupted, Material, NoProgress, OrientedPoint, Progress, Rgb};
@@ -8,7 +8,8 @@ use hplt::reference::path_tracer::{IrradianceOptions, PathTracer};
 use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::random_surface_points;
 use hplt::transport::{
-    DirectEstimator, DirectLight, DirectOptions, Error, LinkOptions, LinkPrecision, Linked, transport_links,
+    DirectEstimator, DirectLight, DirectOptions, Error, Gradients, LinkOptions, LinkPrecision, Linked, ReadBuffers,
+    read_in_sight, transport_links,
 };
 use hplt_tests::{Prepared, Setup};
 
@@ -74,6 +75,36 @@ fn the_box_agrees_with_the_path_tracer() {
     assert!(by_field.0 < 0.06 && by_field.1.abs() < 0.02, "{by_field:?}");
     // Negative control: without the indirect light the comparison fails.
     assert!(of(&|_| Rgb::ZERO, 0.0).0 > 0.2);
+}
+
+/// A field that rises evenly from floor to ceiling is read between its functions to first order: several times nearer than without
+/// gradients, never below zero, and flat where it was flat.
+#[test]
+fn gradients_carry_an_even_slope() {
+    let prepared = Prepared::new(scenes::build(scenes::cornell_box()), coarse(DirectEstimator::Auto));
+    let points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, 1000, 3);
+    let model = prepared.model();
+    let error = |of: &dyn Fn(Vec3) -> f32| {
+        let at_functions = model.basis.points(0).iter().map(|p| Rgb::splat(of(p.position))).collect();
+        let field = Coefficients::from_levels(vec![at_functions]);
+        let gradients = Gradients::fit(&model, &field);
+        let mut buffers = ReadBuffers::default();
+        let mut mean = |gradients: Option<&Gradients>| {
+            let off = |p: &OrientedPoint| {
+                let found = read_in_sight(&model, (&field, gradients), p, &mut buffers).irradiance;
+                assert!(found.min_element() >= 0.0);
+                f64::from((found.x - of(p.position)).abs())
+            };
+            points.iter().map(off).sum::<f64>() / points.len() as f64
+        };
+        [mean(None), mean(Some(&gradients))]
+    };
+    let [without, with] = error(&|p| 1.0 + p.y);
+    println!("slope: {without:.4} without gradients, {with:.4} with");
+    assert!(with < 0.4 * without, "{with} {without}");
+    assert!(error(&|_| 1.0).iter().all(|e| *e < 1e-6));
+    // Steep enough to fall below zero within a support, but for the clamp.
+    error(&|p| (20.0 * p.y).max(0.0));
 }
 
 /// Both precisions solve the same equation.

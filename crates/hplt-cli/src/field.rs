@@ -1,14 +1,16 @@
 //! A solved light field in either encoding, read in every way that the commands need.
 
+use std::sync::OnceLock;
+
 use hplt_basis::{
     Absolute, ApproximateNearest, Coefficients, Coverage, Delta, ExactShepard, Reconstruction, delta_from_absolute,
 };
 use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, Rgb, parallel};
 use hplt_splat::{GBuffer, evaluate, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
 use hplt_transport::{
-    ErrorEstimate, ErrorProbe, FinalGather, FinalGatherOptions, LayeredInSight, LayeredNearestInSight, Model,
-    ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error, final_gather, read_in_sight,
-    transport_absolute, transport_delta,
+    ErrorEstimate, ErrorProbe, FinalGather, FinalGatherOptions, Gradients, LayeredInSight, LayeredNearestInSight,
+    Model, ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error, final_gather,
+    read_in_sight, transport_absolute, transport_delta,
 };
 
 use crate::exit::Failure;
@@ -33,10 +35,12 @@ pub struct Encoded<E> {
     /// How displays and sensors read it.
     display: Reader<E>,
     variant: Variant,
+    /// Of the indirect irradiance, once it is read to first order.
+    gradients: OnceLock<Gradients>,
 }
 
 /// Makes a reconstruction, which may cast rays.
-type Reader<E> = for<'a> fn(&'a dyn RayCaster) -> Box<dyn Reconstruction<E> + 'a>;
+type Reader<E> = for<'a> fn(&'a dyn RayCaster, Option<&'a Gradients>) -> Box<dyn Reconstruction<E> + 'a>;
 
 impl<E> Encoded<E>
 where
@@ -46,24 +50,31 @@ where
     /// A field whose finest level is everywhere.
     fn uniform(fields: [Coefficients<E>; 2], reconstruction: ReconstructionName, variant: Variant) -> Self {
         let [direct, indirect] = fields;
-        let exact: Reader<E> = |_| Box::new(ExactShepard);
+        let exact: Reader<E> = |_, _| Box::new(ExactShepard);
         let sender = match reconstruction {
             ReconstructionName::Shepard => exact,
-            ReconstructionName::Nearest => |_: &dyn RayCaster| Box::new(ApproximateNearest) as _,
+            ReconstructionName::Nearest => |_: &dyn RayCaster, _: Option<&Gradients>| Box::new(ApproximateNearest) as _,
         };
-        Self { direct, indirect, sender, display: exact, variant }
+        Self { direct, indirect, sender, display: exact, variant, gradients: OnceLock::new() }
     }
 }
 
 impl Encoded<Absolute> {
     /// A field whose finer levels are only where they are needed.
     fn layered([direct, indirect]: [Coefficients<Absolute>; 2], reconstruction: ReconstructionName) -> Self {
-        let exact: Reader<Absolute> = |caster| Box::new(LayeredInSight { caster });
+        let exact: Reader<Absolute> = |caster, gradients| Box::new(LayeredInSight { caster, gradients });
         let sender: Reader<Absolute> = match reconstruction {
             ReconstructionName::Shepard => exact,
-            ReconstructionName::Nearest => |caster| Box::new(LayeredNearestInSight { caster }),
+            ReconstructionName::Nearest => |caster, _| Box::new(LayeredNearestInSight { caster }),
         };
-        Self { direct, indirect, sender, display: exact, variant: Variant::Links }
+        let gradients = OnceLock::new();
+        Self { direct, indirect, sender, display: exact, variant: Variant::Links, gradients }
+    }
+
+    /// `None` for fields whose finest level is everywhere: those are read as published.
+    fn gradients(&self, model: &Model<'_>) -> Option<&Gradients> {
+        let fit = || Gradients::fit(model, &self.indirect);
+        (self.variant == Variant::Links).then(|| self.gradients.get_or_init(fit))
     }
 }
 
@@ -160,13 +171,13 @@ impl Field {
 
     /// Direct irradiance at points, interpolated: coarse, but at once.
     pub fn direct_at(&self, model: &Model<'_>, points: &[OrientedPoint]) -> Vec<Rgb> {
-        let readings = either!(self, f => f.read(model, &f.direct, points));
+        let readings = either!(self, f => f.read(model, Part::Direct, points));
         readings.iter().map(|reading| reading.irradiance).collect()
     }
 
     /// Indirect irradiance at points, interpolated, and how far that can be trusted.
     pub fn indirect_at(&self, model: &Model<'_>, points: &[OrientedPoint]) -> Vec<Reading> {
-        either!(self, f => f.read(model, &f.indirect, points))
+        either!(self, f => f.read(model, Part::Indirect, points))
     }
 
     /// Indirect irradiance at points through one more gather.
@@ -182,7 +193,7 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<Vec<FinalGather>, Interrupted> {
         either!(self, f => {
-            let reconstruction = &*(f.sender)(model.caster);
+            let reconstruction = &*(f.sender)(model.caster, None);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
             final_gather(model, &sender, points, options, progress)
         })
@@ -200,7 +211,7 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<ErrorEstimate, Interrupted> {
         either!(self, f => {
-            let reconstruction = &*(f.sender)(model.caster);
+            let reconstruction = &*(f.sender)(model.caster, None);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
             estimate_error(model, &sender, probe, progress)
         })
@@ -231,9 +242,12 @@ impl Field {
                 let threshold = 1e-5 * f.indirect.max_abs();
                 splat_flattened(basis, &flatten_absolute(basis, &f.indirect, threshold), gbuffer, progress)?
             }
-            (_, Self::Delta(f)) => return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress),
+            (_, Self::Delta(f)) => {
+                return evaluate(basis, &f.indirect, &*(f.display)(model.caster, None), gbuffer, progress);
+            }
             (_, Self::Absolute(f)) => {
-                return evaluate(basis, &f.indirect, &*(f.display)(model.caster), gbuffer, progress);
+                let reconstruction = (f.display)(model.caster, f.gradients(model));
+                return evaluate(basis, &f.indirect, &*reconstruction, gbuffer, progress);
             }
         };
         Ok((splatted.irradiance, splatted.report.coverage))
@@ -254,23 +268,40 @@ fn absolute_reconstruction(name: ReconstructionName) -> Box<dyn Reconstruction<A
     }
 }
 
-trait Read<E> {
-    fn read(&self, model: &Model<'_>, coefficients: &Coefficients<E>, points: &[OrientedPoint]) -> Vec<Reading>;
+/// Which light of a field.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Direct,
+    Indirect,
 }
 
-impl Read<Delta> for Encoded<Delta> {
-    fn read(&self, model: &Model<'_>, coefficients: &Coefficients<Delta>, points: &[OrientedPoint]) -> Vec<Reading> {
-        interpolate(model, coefficients, self.display, points)
+impl<E> Encoded<E> {
+    fn part(&self, part: Part) -> &Coefficients<E> {
+        match part {
+            Part::Direct => &self.direct,
+            Part::Indirect => &self.indirect,
+        }
     }
 }
 
-impl Read<Absolute> for Encoded<Absolute> {
-    fn read(&self, model: &Model<'_>, coefficients: &Coefficients<Absolute>, points: &[OrientedPoint]) -> Vec<Reading> {
+trait Read {
+    fn read(&self, model: &Model<'_>, part: Part, points: &[OrientedPoint]) -> Vec<Reading>;
+}
+
+impl Read for Encoded<Delta> {
+    fn read(&self, model: &Model<'_>, part: Part, points: &[OrientedPoint]) -> Vec<Reading> {
+        interpolate(model, self.part(part), self.display, points)
+    }
+}
+
+impl Read for Encoded<Absolute> {
+    fn read(&self, model: &Model<'_>, part: Part, points: &[OrientedPoint]) -> Vec<Reading> {
         if self.variant != Variant::Links {
-            return interpolate(model, coefficients, self.display, points);
+            return interpolate(model, self.part(part), self.display, points);
         }
+        let gradients = if part == Part::Indirect { self.gradients(model) } else { None };
         parallel::map(points.len(), ReadBuffers::default, |buffers, i| {
-            read_in_sight(model, coefficients, &points[i], buffers)
+            read_in_sight(model, (self.part(part), gradients), &points[i], buffers)
         })
     }
 }
@@ -285,7 +316,7 @@ fn interpolate<E: Sync>(
     let n_levels = model.basis.n_levels();
     parallel::map(
         points.len(),
-        || reader(model.caster),
+        || reader(model.caster, None),
         |reconstruction, i| {
             let mut value = [Rgb::ZERO];
             let point = std::slice::from_ref(&points[i]);

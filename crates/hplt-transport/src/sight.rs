@@ -10,7 +10,7 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb};
 use hplt_sampling::is_in_sight;
 
-use crate::Model;
+use crate::{Gradients, Model};
 
 /// Functions that answer at least, for their spread to mean anything.
 const LEAST_FUNCTIONS: usize = 3;
@@ -24,6 +24,8 @@ const LEAST_SHARE: f32 = 0.5;
 pub struct LayeredInSight<'a> {
     /// Casts the rays.
     pub caster: &'a dyn RayCaster,
+    /// Those of the field that is read, for a first-order reconstruction.
+    pub gradients: Option<&'a Gradients>,
 }
 
 /// [`LayeredNearest`](hplt_basis::LayeredNearest) where a ray finds the function in sight of the query.
@@ -65,7 +67,8 @@ impl Reconstruction<Absolute> for LayeredInSight<'_> {
         let mut buffers = ReadBuffers::default();
         let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
         for (query, out) in queries.iter().zip(out) {
-            let reading = read_levels_in_sight((basis, self.caster), coefficients, n_levels, query, &mut buffers);
+            let field = (coefficients, self.gradients);
+            let reading = read_levels_in_sight((basis, self.caster), field, n_levels, query, &mut buffers);
             coverage.nearest += u64::from(reading.spread == f32::INFINITY);
             *out = reading.irradiance;
         }
@@ -107,20 +110,20 @@ impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
     }
 }
 
-/// Reads the layered field `coefficients` at `query`.
+/// Reads the layered field of these coefficients at `query`, to first order with its gradients.
 pub fn read_in_sight(
     model: &Model<'_>,
-    coefficients: &Coefficients<Absolute>,
+    field: (&Coefficients<Absolute>, Option<&Gradients>),
     query: &OrientedPoint,
     buffers: &mut ReadBuffers,
 ) -> Reading {
     let levels = model.basis.n_levels();
-    read_levels_in_sight((model.basis, model.caster), coefficients, levels, query, buffers)
+    read_levels_in_sight((model.basis, model.caster), field, levels, query, buffers)
 }
 
 fn read_levels_in_sight(
     (basis, caster): (&ShepardBasis, &dyn RayCaster),
-    coefficients: &Coefficients<Absolute>,
+    (coefficients, gradients): (&Coefficients<Absolute>, Option<&Gradients>),
     n_levels: usize,
     query: &OrientedPoint,
     buffers: &mut ReadBuffers,
@@ -133,7 +136,8 @@ fn read_levels_in_sight(
     let guess = |value| Reading { irradiance: value, spread: f32::INFINITY };
     let value = |w: &Weight| {
         let (level, i) = basis.level_of(w.function);
-        coefficients.level(level)[i as usize]
+        let value = coefficients.level(level)[i as usize];
+        gradients.map_or(value, |g| g.value((level, i), &basis.points(level)[i as usize], value, query))
     };
     let all: Rgb = expansion.iter().map(|w| value(w) * w.weight).sum();
     if coverage.nearest + coverage.uncovered > 0 {
