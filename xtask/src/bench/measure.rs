@@ -43,6 +43,8 @@ impl Effort {
         limit_seconds: 900,
         gather_rays: 4096,
     };
+    /// For the report, which has many runs: none may take so long that the others are never reached.
+    pub const REPORT: Self = Self { limit_seconds: 180, ..Self::FULL };
     /// In under three minutes.
     pub const QUICK: Self = Self {
         is_quick: true,
@@ -241,6 +243,16 @@ impl Bench<'_> {
             error: self.effort.reference_error.unwrap_or(usual),
             most_paths: quick.then_some(case.quick_reference_paths),
         };
+        let hash = truth::scene_hash(self.hplt, source)?;
+        truth::find_or_trace(self.hplt, self.folder, source, &hash, &wanted)
+    }
+
+    /// A reference that takes seconds.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn short_truth(&self, source: &Source) -> Result<Truth> {
+        let wanted = Wanted { n_points: 200, error: 0.01, most_paths: Some(8192) };
         let hash = truth::scene_hash(self.hplt, source)?;
         truth::find_or_trace(self.hplt, self.folder, source, &hash, &wanted)
     }

@@ -1,18 +1,22 @@
 //! Error and run time on the standard scenes.
 
 mod answers;
+mod axis;
 mod baseline;
 mod beside;
 mod cells;
 mod child;
 mod curves;
 mod engines;
+mod entry;
 mod evidence;
 mod lit;
 mod machine;
 mod measure;
+mod methods;
 mod plot;
 mod published;
+mod report;
 mod scenes;
 mod sheet;
 mod stats;
@@ -31,6 +35,7 @@ use evidence::MAX_PAIRS;
 use machine::Machine;
 use measure::{Bench, Effort};
 use published::Published;
+use report::{Part, Plan};
 use scenes::{CASES, Case, Source};
 use table::Report;
 
@@ -59,14 +64,22 @@ pub struct Options {
     /// Runs of every solver [default: 3; quick: 1]. No further one begins once they have taken two minutes.
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
-    /// Seconds after which one run is cut short [default: 900; quick: 35].
+    /// Seconds after which one run is cut short [default: 900; report: 180; quick: 35].
     #[arg(long, value_name = "SECONDS")]
     limit: Option<u64>,
     /// Draw error against time instead of printing the tables: every variant and the path tracer at five budgets or more.
     #[arg(long, conflicts_with_all = ["baseline", "engine", "runs"])]
     curves: bool,
-    /// Time in the pictures of the curves.
-    #[arg(long, value_enum, default_value = "wall", requires = "curves")]
+    /// Write the error-time report instead of printing the tables: curves as above, what each part of a method is worth, and how time
+    /// grows with triangles, levels, receivers, albedo and threads: `target/bench/error-time.html`, `.json`, `.csv` and `.md`.
+    #[arg(long, conflicts_with_all = ["baseline", "curves", "engine", "runs"])]
+    report: bool,
+    /// Only these parts of the report; may be repeated. The others stay as the last report has them, and so do scenes that --only leaves
+    /// out.
+    #[arg(long, value_enum, value_name = "PART", requires = "report")]
+    part: Vec<Part>,
+    /// Time in the pictures of curves and report.
+    #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
     /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.
     #[arg(long, value_name = "FILE")]
@@ -100,6 +113,16 @@ pub fn run(options: &Options) -> Result<()> {
     let scenes_folder = scenes::folder(options.scenes.as_deref());
     let cases: Vec<(&Case, Source)> =
         options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
+    if options.report {
+        return report::measure(&Plan {
+            bench: &bench,
+            cases: &cases,
+            parts: &options.part,
+            keeps_others: !(options.part.is_empty() && options.only.is_empty()),
+            clock: options.clock,
+            mode: options.mode(),
+        });
+    }
     if options.curves {
         return draw_curves(&bench, &cases, options.clock);
     }
@@ -169,7 +192,11 @@ impl Options {
         if let Some(error) = self.reference_error.filter(|e| !(*e > 0.0 && *e < 1.0)) {
             bail!("--reference-error {error}; expected a fraction between 0 and 1, such as 0.003");
         }
-        let usual = if self.quick { Effort::QUICK } else { Effort::FULL };
+        let usual = match (self.quick, self.report) {
+            (true, _) => Effort::QUICK,
+            (false, true) => Effort::REPORT,
+            (false, false) => Effort::FULL,
+        };
         Ok(Effort {
             n_points: self.points.unwrap_or(usual.n_points),
             reference_error: self.reference_error,
