@@ -72,7 +72,7 @@ impl Hplt {
     pub fn ask(&self, arguments: &[String], also_good: Option<i32>) -> Result<Answer> {
         let mut command = Command::new(&self.binary);
         command.args(arguments).args(["--json", "--quiet", "--progress", "none"]).current_dir(root());
-        self.finish(command, also_good)
+        finish(command, also_good)
     }
 
     /// The same for a command that has no progress.
@@ -82,35 +82,39 @@ impl Hplt {
     pub fn ask_briefly(&self, arguments: &[String]) -> Result<Answer> {
         let mut command = Command::new(&self.binary);
         command.args(arguments).args(["--json", "--quiet"]).current_dir(root());
-        self.finish(command, None)
+        finish(command, None)
     }
+}
 
-    fn finish(&self, mut command: Command, also_good: Option<i32>) -> Result<Answer> {
-        let shown = show(&command);
-        eprintln!("$ {shown}");
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let start = Instant::now();
-        let mut child = command.spawn().with_context(|| format!("cannot start {}", self.binary.display()))?;
-        let stdout = reader(child.stdout.take());
-        let stderr = reader(child.stderr.take());
-        let mut usage = Usage::default();
-        let status = loop {
-            // Both figures only grow, and are gone as soon as the process ends.
-            usage = usage.or_later(child.id());
-            if let Some(status) = child.try_wait()? {
-                break status;
-            }
-            thread::sleep(Duration::from_millis(5));
-        };
-        let wall_seconds = start.elapsed().as_secs_f64();
-        let [stdout, stderr] = [stdout, stderr].map(|t| t.join().unwrap_or_default());
-        if !status.success() && (also_good.is_none() || status.code() != also_good) {
-            bail!("`{shown}` failed: {status}\n{}", stderr.trim_end());
+/// Runs any command to its end and reads the JSON document that it prints.
+///
+/// # Errors
+/// As [`Hplt::ask`].
+pub fn finish(mut command: Command, also_good: Option<i32>) -> Result<Answer> {
+    let shown = show(&command);
+    eprintln!("$ {shown}");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let start = Instant::now();
+    let mut child = command.spawn().with_context(|| format!("cannot start `{shown}`"))?;
+    let stdout = reader(child.stdout.take());
+    let stderr = reader(child.stderr.take());
+    let mut usage = Usage::default();
+    let status = loop {
+        // Both figures only grow, and are gone as soon as the process ends.
+        usage = usage.or_later(child.id());
+        if let Some(status) = child.try_wait()? {
+            break status;
         }
-        let document = serde_json::from_str(&stdout)
-            .with_context(|| format!("`{shown}` printed no JSON document\n{}", stderr.trim_end()))?;
-        Ok(Answer { document, usage, wall_seconds })
+        thread::sleep(Duration::from_millis(5));
+    };
+    let wall_seconds = start.elapsed().as_secs_f64();
+    let [stdout, stderr] = [stdout, stderr].map(|t| t.join().unwrap_or_default());
+    if !status.success() && (also_good.is_none() || status.code() != also_good) {
+        bail!("`{shown}` failed: {status}\n{}", stderr.trim_end());
     }
+    let document = serde_json::from_str(&stdout)
+        .with_context(|| format!("`{shown}` printed no JSON document\n{}", stderr.trim_end()))?;
+    Ok(Answer { document, usage, wall_seconds })
 }
 
 /// Reads a pipe to its end on a thread of its own, so that the child never waits for us.
@@ -181,7 +185,7 @@ mod tests {
     fn a_child_without_a_document_is_an_error() {
         let mut command = Command::new("cargo");
         command.arg("--version");
-        let error = Hplt::at("cargo".into()).finish(command, None).err().unwrap();
+        let error = finish(command, None).err().unwrap();
         assert!(format!("{error:#}").contains("`cargo --version` printed no JSON document"));
     }
 }

@@ -35,7 +35,7 @@ use evidence::MAX_PAIRS;
 use machine::Machine;
 use measure::{Bench, Effort};
 use published::Published;
-use report::{Part, Plan};
+use report::{Part, Peers, Plan};
 use scenes::{CASES, Case, Source};
 use table::Report;
 
@@ -78,6 +78,10 @@ pub struct Options {
     /// out.
     #[arg(long, value_enum, value_name = "PART", requires = "report")]
     part: Vec<Part>,
+    /// Add other renderers to the report, Mitsuba 3 and Radiance, where this Python interpreter has their wheels (mitsuba,
+    /// pyradiance); see benches/peers [default: python3].
+    #[arg(long, value_name = "PYTHON", num_args = 0..=1, default_missing_value = "python3", requires = "report")]
+    peers: Option<PathBuf>,
     /// Time in the pictures of curves and report.
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
@@ -120,6 +124,7 @@ pub fn run(options: &Options) -> Result<()> {
             parts: &options.part,
             keeps_others: !(options.part.is_empty() && options.only.is_empty()),
             clock: options.clock,
+            peers: options.peers.as_deref().map(Peers::of),
             mode: options.mode(),
         });
     }

@@ -1,6 +1,7 @@
 //! The error-time report: what every method reaches in which time, what each of their parts is worth, and how time grows.
 
 mod html;
+mod peers;
 mod scaling;
 mod section;
 
@@ -17,7 +18,8 @@ use super::measure::Bench;
 use super::methods::{Method, links_ablations, published_ablations, variants};
 use super::scenes::{CASES, Case, Source};
 use super::truth::Truth;
-use section::{ERROR_OVER_TIME, Section, csv_head};
+pub use peers::Peers;
+use section::{ERROR_OVER_TIME, LIT_ERROR_OVER_TIME, Section, csv_head};
 
 /// Budgets of each method in a quick report.
 const QUICK_BUDGETS: usize = 2;
@@ -66,6 +68,8 @@ pub struct Plan<'p> {
     pub keeps_others: bool,
     /// Time of the pictures.
     pub clock: Clock,
+    /// Other renderers, where they were asked for.
+    pub peers: Option<Peers>,
     /// How the command was called, in words.
     pub mode: String,
 }
@@ -172,7 +176,7 @@ impl Plan<'_> {
     ) -> Result<(Section, Truth)> {
         let truth = self.bench.truth(case, source)?;
         let mut section = self.section(part, Some((case, source)), title, note);
-        section.plots.push(ERROR_OVER_TIME);
+        section.plots.extend([ERROR_OVER_TIME, LIT_ERROR_OVER_TIME]);
         section.reference = Some(truth.standard_error);
         for method in methods {
             section.curves.push(curve(self.bench, source, &self.shortened(method), &truth)?);
@@ -184,10 +188,21 @@ impl Plan<'_> {
 const ERROR_NOTE: &str = "Mean relative error of total irradiance at random reachable points, against a path tracer whose own error is in \
 these figures. Time is that of the whole process, from reading the scene to the written table, without the solver's own error estimate.";
 
+const PEER_NOTE: &str = " Mitsuba traces as many paths from every point as its setting says, with next-event estimation; Radiance is \
+`rtrace -I` with its ambient cache. Their times leave out the interpreter, its imports and the conversion of the scene.";
+
 fn variants_section(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Section> {
     let note = format!("{ERROR_NOTE} All methods light the same points; ours read their solution by a final gather.");
     let methods = variants(case, source);
-    Ok(plan.error_time(Part::Variants, (case, source), ("error against time", &note), methods)?.0)
+    let (mut section, truth) =
+        plan.error_time(Part::Variants, (case, source), ("error against time", &note), methods)?;
+    if let Some(peers) = &plan.peers {
+        let (curves, remarks) = peers.curves(plan.bench, source, &truth)?;
+        section.note.push_str(PEER_NOTE);
+        section.curves.extend(curves);
+        section.remarks.extend(remarks);
+    }
+    Ok(section)
 }
 
 fn links_section(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Section> {

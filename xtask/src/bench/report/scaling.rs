@@ -14,7 +14,9 @@ use super::super::measure::{Bench, shown, strings};
 use super::super::methods::{Method, Setting, path_tracer, variants};
 use super::super::scenes::{Case, Source};
 use super::super::truth::Truth;
-use super::section::{ERROR_OVER_TIME, ERROR_OVER_VALUE, Plot, Quantity, Section, TIME_OVER_VALUE};
+use super::section::{
+    ERROR_OVER_TIME, ERROR_OVER_VALUE, Plot, Quantity, Section, TIME_OVER_VALUE, WALL_TIME_OVER_VALUE,
+};
 use super::{Part, Plan};
 
 const TRIANGLES: [u32; 5] = [1_000, 10_000, 100_000, 1_000_000, 10_000_000];
@@ -40,9 +42,9 @@ pub fn triangles(plan: &Plan<'_>) -> Result<Section> {
     let made = |name: String, id| Source { argument: format!("gen:{name}"), id, title: name, is_stand_in: false };
     let statues = sizes.iter().map(|n| made(format!("statue-room:{n}"), format!("statue-room-{n}")));
     let sources: Vec<Source> = std::iter::once(made("cornell".into(), "cornell".into())).chain(statues).collect();
-    let mut section = plan.section(Part::Triangles, None, "time by triangles", NOTE);
+    let mut section = plan.section(Part::Triangles, None, "Time by triangles", NOTE);
     section.varies = Some("triangles".into());
-    section.plots = vec![TIME_OVER_VALUE, Plot { x: Quantity::Value, y: Quantity::Memory }];
+    section.plots = vec![WALL_TIME_OVER_VALUE, Plot { x: Quantity::Value, y: Quantity::Memory }];
     let mut whole = Curve::empty("whole process", &production(&sources[1].argument, &[]));
     let mut stages = STAGES.map(|(_, title)| Curve::empty(title, &[]));
     for source in &sources {
@@ -101,7 +103,7 @@ pub fn receivers(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Sectio
     let truth = bench.truth(case, source)?;
     let mut section = plan.section(Part::Receivers, Some((case, source)), "time by receivers", NOTE);
     section.varies = Some("receivers".into());
-    section.plots = vec![TIME_OVER_VALUE];
+    section.plots = vec![WALL_TIME_OVER_VALUE];
     let kept = bench.folder.join(format!("{}-kept.hplt", source.id));
     let mut solve = strings(&["solve", &source.argument, "--force", "--preset", "production", "--output"]);
     solve.extend([shown(&kept), "--max-time".into(), format!("{}s", bench.effort.limit_seconds)]);
@@ -172,10 +174,10 @@ fn sample(bench: &Bench<'_>, source: &Source, n: u32) -> Result<(u32, String)> {
 /// Sweeps and time by albedo, in a closed furnace whose light is known.
 pub fn albedo(plan: &Plan<'_>) -> Result<Section> {
     const NOTE: &str = "A closed cube that emits 1 W/m² everywhere: irradiance is 1/(1 - albedo), so that errors are exact. Links solve for all \
-        bounces at once (GMRES), the other line is one bounce after the other, rays traced anew for each. Both stop when less than 0.1 % of the \
+        bounces at once (GMRES), the other line is one bounce after the other, rays traced anew for each; two levels both. Both stop when less than 0.1 % of the \
         light is still to come.";
     let bench = plan.bench;
-    let mut section = plan.section(Part::Albedo, None, "sweeps and time by albedo", NOTE);
+    let mut section = plan.section(Part::Albedo, None, "Sweeps and time by albedo", NOTE);
     section.varies = Some("gain of the furnace, 1/(1 - albedo)".into());
     section.plots = vec![Plot { x: Quantity::Value, y: Quantity::Sweeps }, TIME_OVER_VALUE];
     let scene = shown(&bench.folder.join("white-furnace.glb"));
@@ -183,8 +185,10 @@ pub fn albedo(plan: &Plan<'_>) -> Result<Section> {
     let points = bench.folder.join("white-furnace.points.csv");
     let sample = ["sample-points", &scene, "--max-albedo", "0.5", "-n", "200", "--force", "--output", &shown(&points)];
     bench.hplt.ask(&strings(&sample), None)?;
-    let on_the_fly = ["--variant", "absolute", "--reconstruction", "nearest", "--bounces", MOST_BOUNCES];
-    let methods: [(&str, &[&str]); 2] = [("links, GMRES", &[]), ("bounce after bounce, rays anew", &on_the_fly)];
+    let links = ["--levels", "2"];
+    let on_the_fly =
+        ["--levels", "2", "--variant", "absolute", "--reconstruction", "nearest", "--bounces", MOST_BOUNCES];
+    let methods: [(&str, &[&str]); 2] = [("links, GMRES", &links), ("bounce after bounce, rays anew", &on_the_fly)];
     for (title, flags) in methods {
         let mut curve = Curve::empty(title, &production(&scene, flags));
         for albedo in if bench.effort.is_quick { &ALBEDOS[..3] } else { &ALBEDOS[..] } {
@@ -234,7 +238,7 @@ pub fn threads(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Section>
     let truth = plan.bench.truth(case, source)?;
     let mut section = plan.section(Part::Threads, Some((case, source)), "time by threads", NOTE);
     section.varies = Some("threads".into());
-    section.plots = vec![Plot { x: Quantity::Value, y: Quantity::WallTime }];
+    section.plots = vec![WALL_TIME_OVER_VALUE];
     let counts = thread_counts(section.machine.cores);
     for method in variants(case, source) {
         // One in the middle: neither start-up alone nor minutes.

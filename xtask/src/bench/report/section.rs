@@ -55,6 +55,8 @@ pub enum Quantity {
     WallTime,
     /// Mean error.
     Error,
+    /// Mean error where there is light.
+    LitError,
     /// Sweeps or bounces.
     Sweeps,
     /// Largest resident memory.
@@ -63,8 +65,12 @@ pub enum Quantity {
 
 /// Mean error over time.
 pub const ERROR_OVER_TIME: Plot = Plot { x: Quantity::Time, y: Quantity::Error };
+/// Mean error where there is light over time.
+pub const LIT_ERROR_OVER_TIME: Plot = Plot { x: Quantity::Time, y: Quantity::LitError };
 /// Time over what is varied.
 pub const TIME_OVER_VALUE: Plot = Plot { x: Quantity::Value, y: Quantity::Time };
+/// Wall-clock time over what is varied, for stages, of which no other is known, and for threads.
+pub const WALL_TIME_OVER_VALUE: Plot = Plot { x: Quantity::Value, y: Quantity::WallTime };
 /// Mean error over what is varied.
 pub const ERROR_OVER_VALUE: Plot = Plot { x: Quantity::Value, y: Quantity::Error };
 
@@ -78,7 +84,7 @@ impl Section {
     fn figure(&self, plot: Plot, clock: Clock) -> Figure {
         let at = |entry: &Entry| Some((plot.x.of(entry, clock)?, plot.y.of(entry, clock)?));
         let line = |c: &Curve| Line { title: c.title.clone(), points: c.points.iter().filter_map(at).collect() };
-        let floor = self.reference.filter(|r| plot.y == Quantity::Error && r.mean > 0.0);
+        let floor = self.reference.filter(|r| plot.y.is_error() && r.mean > 0.0);
         let lines = self.curves.iter().map(line);
         Figure {
             title: self.title.clone(),
@@ -92,14 +98,15 @@ impl Section {
 
     fn axis(&self, quantity: Quantity, clock: Clock) -> Axis {
         let title = match quantity {
-            Quantity::Value => self.varies.clone().unwrap_or_default(),
-            Quantity::Time => clock.axis().into(),
-            Quantity::WallTime => Clock::Wall.axis().into(),
-            Quantity::Error => "mean relative error of total irradiance".into(),
-            Quantity::Sweeps => "sweeps or bounces".into(),
-            Quantity::Memory => "peak memory, bytes".into(),
+            Quantity::Value => self.varies.as_deref().unwrap_or_default(),
+            Quantity::Time => clock.axis(),
+            Quantity::WallTime => "time, s",
+            Quantity::Error => "mean relative error of total irradiance",
+            Quantity::LitError => "mean relative error where there is light",
+            Quantity::Sweeps => "sweeps or bounces",
+            Quantity::Memory => "peak memory, MB",
         };
-        Axis { title, is_percent: quantity == Quantity::Error }
+        Axis { title: title.into(), is_percent: quantity.is_error() }
     }
 
     /// The data as a table: names of the columns that hold anything, and the rows.
@@ -153,14 +160,19 @@ impl Section {
 }
 
 impl Quantity {
+    fn is_error(self) -> bool {
+        matches!(self, Self::Error | Self::LitError)
+    }
+
     fn of(self, entry: &Entry, clock: Clock) -> Option<f64> {
         match self {
             Self::Value => entry.value,
             Self::Time => Some(clock.of(entry)),
             Self::WallTime => Some(entry.seconds),
             Self::Error => Some(entry.errors?.mean),
+            Self::LitError => Some(entry.errors?.lit_mean),
             Self::Sweeps => entry.sweeps.map(|n| n as f64),
-            Self::Memory => entry.peak_memory.map(|n| n as f64),
+            Self::Memory => entry.peak_memory.map(|n| n as f64 / 1e6),
         }
     }
 }
@@ -182,13 +194,8 @@ fn columns() -> [Column; 13] {
     let column = |name, shown, raw_name, raw| Column { name, shown, raw_name, raw };
     [
         column("value", |e| e.value.map(number), "value", |e| e.value),
-        column("time", |e| Some(format!("{} s", figures(e.seconds))), "seconds", |e| Some(e.seconds)),
-        column(
-            "processor time",
-            |e| e.processor_seconds.map(|s| format!("{} s", figures(s))),
-            "processor_seconds",
-            |e| e.processor_seconds,
-        ),
+        column("time", |e| Some(brief(e.seconds)), "seconds", |e| Some(e.seconds)),
+        column("processor time", |e| e.processor_seconds.map(brief), "processor_seconds", |e| e.processor_seconds),
         column("runs", |e| Some(e.runs.to_string()), "runs", |e| Some(e.runs as f64)),
         column("mean error", |e| e.errors.map(|x| percent(x.mean)), "mean_error", |e| Some(e.errors?.mean)),
         column("median", |e| e.errors.map(|x| percent(x.median)), "median_error", |e| Some(e.errors?.median)),
@@ -210,6 +217,14 @@ fn columns() -> [Column; 13] {
             |e| e.peak_memory.map(|n| n as f64),
         ),
     ]
+}
+
+/// `12.3 s`, `0.15 s`, `41.0 ms`
+fn brief(seconds: f64) -> String {
+    match seconds {
+        s if s >= 0.0995 => format!("{} s", figures(s)),
+        s => format!("{} ms", figures(1e3 * s)),
+    }
 }
 
 /// `36`, `17.2k`, `1.05M`, `2.5`
@@ -263,6 +278,12 @@ pub mod tests {
         assert_eq!(rows[1][2], "1.00M");
         let csv = section().csv_rows();
         assert!(csv.len() == 3 && csv.iter().all(|r| r.len() == csv_head().len()));
+    }
+
+    #[test]
+    fn short_times_keep_their_figures() {
+        assert_eq!([12.34, 0.15, 0.041, 0.00005].map(brief), ["12.3 s", "0.15 s", "41.0 ms", "0.05 ms"]);
+        assert_eq!([36.0, 1e6, 2.5].map(number), ["36", "1.00M", "2.50"]);
     }
 
     #[test]
