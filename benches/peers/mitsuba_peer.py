@@ -70,42 +70,37 @@ def one_pass(scene, sampler, points, normals, n, samples, seed):
 @dr.syntax
 def paths(scene, sampler, at, up):
     # The receiver is a white diffuse surface without emission: radiance that it would scatter, times pi, is irradiance.
-    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(at))
-    si.p, si.n, si.t = at, up, 0.0
-    si.sh_frame = mi.Frame3f(up)
     weight = mi.Color3f(dr.pi)
     total, direct = mi.Color3f(0.0), mi.Color3f(0.0)
     depth, active = mi.UInt32(0), mi.Bool(True)
     while active:
+        # What the loop carries is kept small: a point and the normal on the side that the light comes from.
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.p, si.n, si.sh_frame = at, up, mi.Frame3f(up)
         # Light sampled at the emitters...
         ds, radiance = scene.sample_emitter_direction(si, sampler.next_2d(active), False, active)
-        cosine = dr.dot(ds.d, si.sh_frame.n)
+        cosine = dr.dot(ds.d, up)
         lit = active & (cosine > 0.0) & (ds.pdf > 0.0)
         lit &= ~scene.ray_test(si.spawn_ray_to(ds.p), lit)
         share = ds.pdf / (ds.pdf + cosine / dr.pi)
         found = dr.select(lit, weight * radiance * (cosine / dr.pi * share), 0.0)
-        total += found
-        direct += dr.select(depth == 0, found, 0.0)
         # ... and where a ray goes on, weighted so that the two count once.
         local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active))
         ray = si.spawn_ray(si.sh_frame.to_world(local))
         pdf = local.z / dr.pi
-        hit = scene.ray_intersect(ray, active)
+        hit = scene.ray_intersect(ray, mi.RayFlags.Minimal, False, active)
+        is_front = dr.dot(hit.n, ray.d) < 0.0
         emitter = hit.emitter(scene, active)
-        # A flat emitter seen from its front.
-        seen = active & hit.is_valid() & (emitter != None) & (dr.dot(hit.n, ray.d) < 0.0)
-        ds = mi.DirectionSample3f(scene, hit, si)
-        pdf_light = scene.pdf_emitter_direction(si, ds, seen)
-        found = dr.select(seen, weight * emitter.eval(hit, seen) * (pdf / (pdf + pdf_light)), 0.0)
+        seen = active & hit.is_valid() & (emitter != None) & is_front  # noqa: E711
+        hit.sh_frame.n = hit.n
+        hit.wi = hit.to_local(-ray.d)
+        pdf_light = scene.pdf_emitter_direction(si, mi.DirectionSample3f(scene, hit, si), seen)
+        found += dr.select(seen, weight * emitter.eval(hit, seen) * (pdf / (pdf + pdf_light)), 0.0)
         total += found
         direct += dr.select(depth == 0, found, 0.0)
         active &= hit.is_valid()
         weight *= dr.select(active, hit.bsdf().eval_diffuse_reflectance(hit, active), 1.0)
-        # Reflecting on both sides: the normal on the side that the ray came from.
-        normal = dr.select(dr.dot(hit.n, ray.d) < 0.0, hit.n, -hit.n)
-        hit.n = normal
-        hit.sh_frame = mi.Frame3f(normal)
-        si = hit
+        at, up = hit.p, dr.select(is_front, hit.n, -hit.n)
         depth += 1
         survival = dr.select(depth < 4, 1.0, dr.minimum(dr.max(weight) / dr.pi, 0.95))
         active &= sampler.next_1d(active) < survival

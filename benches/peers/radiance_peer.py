@@ -28,13 +28,14 @@ VERSION = find_version()
 
 
 def settings_of(budget):
-    """Of the ambient cache: more divisions with the budget, and an interpolation as fine as their noise; eight bounces."""
+    """Of the ambient cache: with the divisions its interpolation gets finer, as slowly as their noise falls; eight bounces."""
+    finer = (128 / budget) ** 0.5
     return {
         "-ab": "8",
         "-ad": str(budget),
         "-as": str(budget // 4),
-        "-aa": f"{min(0.2, max(0.05, 0.2 * (256 / budget) ** 0.5)):.4f}",
-        "-ar": "128",
+        "-aa": f"{0.3 * finer:.4f}",
+        "-ar": f"{32 / finer:.0f}",
         "-lr": "-10",
         "-lw": f"{0.5 / budget:.3g}",
         "-ds": "0.05",

@@ -37,7 +37,7 @@ use measure::{Bench, Effort};
 use published::Published;
 use report::{Part, Peers, Plan};
 use scenes::{CASES, Case, Source};
-use table::Report;
+use table::{Report, Start};
 
 /// What to measure.
 #[derive(clap::Args)]
@@ -163,15 +163,18 @@ fn tables(
     options: &Options,
     (machine, warnings): (Machine, Vec<String>),
 ) -> Result<()> {
-    let engines = options.engines();
     let published: Vec<_> = cases.iter().map(|(case, _)| case.published).collect();
-    let mut report = Report { machine, mode: options.mode(), scenes: Vec::new(), warnings };
+    let start = Start::now();
+    let mut report = Report { machine, mode: options.mode(), total: start.total(), scenes: Vec::new(), warnings };
     for (case, source) in cases {
-        let scene = bench.scene(case, source, &engines).with_context(|| format!("cannot measure {}", case.title))?;
+        let scene = bench
+            .scene(case, source, &options.engines(case))
+            .with_context(|| format!("cannot measure {}", case.title))?;
         for engine in &scene.engines {
             report.warnings.extend(engine.warnings.iter().map(|w| format!("{}, {}: {w}", scene.title, engine.title)));
         }
         report.scenes.push(scene);
+        report.total = start.total();
         // After every scene, since each may take many minutes.
         write_tables(bench.folder, &report, &published)?;
     }
@@ -215,12 +218,22 @@ impl Options {
         CASES.iter().filter(|case| self.only.is_empty() || self.only.iter().any(|id| id == case.id)).collect()
     }
 
-    fn engines(&self) -> Vec<&'static Engine> {
-        ENGINES.iter().filter(|e| self.engine.is_empty() || self.engine.iter().any(|id| id == e.id)).collect()
+    /// Those that were asked for, else all that there is time for.
+    fn engines(&self, case: &Case) -> Vec<&'static Engine> {
+        let is_wanted = |e: &&Engine| match (self.engine.is_empty(), self.quick) {
+            (true, quick) => !(quick && case.quick_leaves_out.contains(&e.id)),
+            (false, _) => self.engine.iter().any(|id| id == e.id),
+        };
+        ENGINES.iter().filter(is_wanted).collect()
     }
 
     fn mode(&self) -> String {
-        if self.quick { "quick: few points, coarse settings, a loose reference" } else { "full" }.into()
+        match (self.quick, self.report) {
+            (true, false) => "quick: few points, coarse settings, a loose reference, V1 on Cornell alone",
+            (true, true) => "quick: few points, few budgets, a loose reference",
+            (false, _) => "full",
+        }
+        .into()
     }
 }
 
@@ -248,6 +261,30 @@ mod tests {
         assert!(CASES.iter().all(|case| case.quick_reference_error > case.reference_error));
         let mixed = effort(&["--quick", "--points", "99", "--runs", "2", "--reference-error", "0.02"]).unwrap();
         assert_eq!((mixed.n_points, mixed.n_runs, mixed.reference_error), (99, 2, Some(0.02)));
+    }
+
+    #[test]
+    fn quick_runs_leave_out_what_takes_long_unless_it_is_asked_for() {
+        let ids = |line: &[&str], case: &Case| -> Vec<&str> {
+            let options = Line::try_parse_from(std::iter::once(&"bench").chain(line)).unwrap().options;
+            options.engines(case).iter().map(|e| e.id).collect()
+        };
+        let [cornell, _, sponza] = &CASES;
+        assert_eq!(ids(&[], sponza).len(), ENGINES.len());
+        assert_eq!(ids(&["--quick"], cornell).len(), ENGINES.len());
+        assert!(!ids(&["--quick"], sponza).contains(&"v1"));
+        assert_eq!(ids(&["--quick", "--engine", "v1"], sponza), ["v1"]);
+    }
+
+    #[test]
+    fn parts_and_peers_belong_to_the_report() {
+        let parse = |line: &[&str]| Line::try_parse_from(std::iter::once(&"bench").chain(line));
+        assert!(parse(&["--part", "levels"]).is_err() && parse(&["--peers"]).is_err());
+        assert!(parse(&["--report", "--curves"]).is_err() && parse(&["--report", "--part", "teapots"]).is_err());
+        let options = parse(&["--report", "--part", "levels", "--part", "links", "--peers"]).unwrap().options;
+        assert_eq!(options.part, [Part::Levels, Part::Links]);
+        assert_eq!(options.peers.as_deref(), Some(Path::new("python3")));
+        assert!(options.effort().unwrap().limit_seconds < effort(&[]).unwrap().limit_seconds);
     }
 
     #[test]

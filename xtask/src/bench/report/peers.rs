@@ -28,7 +28,7 @@ struct Peer {
 
 const PEERS: [Peer; 2] = [
     Peer { id: "mitsuba", budgets: &[16, 64, 256, 1024, 4096], unit: "paths" },
-    Peer { id: "radiance", budgets: &[32, 64, 128, 256, 512], unit: "ambient divisions" },
+    Peer { id: "radiance", budgets: &[128, 256, 512, 1024, 2048], unit: "ambient divisions" },
 ];
 
 /// The interpreter that has their wheels.
