@@ -125,7 +125,7 @@ pub fn run(options: &Options) -> Result<()> {
             keeps_others: !(options.part.is_empty() && options.only.is_empty()),
             clock: options.clock,
             peers: options.peers.as_deref().map(Peers::of),
-            mode: options.mode(),
+            mode: format!("{}, {} points", options.mode(), bench.effort.n_points),
         });
     }
     if options.curves {
