@@ -8,7 +8,7 @@ mod section;
 use std::fmt::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 
 use super::cells::{csv, table};
@@ -90,21 +90,25 @@ pub struct Report {
 /// Measures and writes `error-time.html`, `.json`, `.csv` and `.md`, anew after every section, since each takes minutes.
 ///
 /// # Errors
-/// When a command fails or a file cannot be written.
+/// When a file cannot be written; and at the end, when a command failed, with the sections that are missing for that.
 pub fn measure(plan: &Plan<'_>) -> Result<()> {
     let folder = plan.bench.folder;
     let mut report = plan.start();
+    let mut failures = Vec::new();
     for part in PARTS.into_iter().filter(|part| plan.parts.is_empty() || plan.parts.contains(part)) {
         for section in plan.jobs(part) {
-            let section = section(plan).with_context(|| format!("part {part:?} of the report"))?;
-            report.put(section);
+            match section(plan) {
+                Ok(section) => report.put(section),
+                // The others took hours, or will.
+                Err(problem) => failures.push(format!("part {part:?}: {problem:#}")),
+            }
             report.write(folder)?;
         }
     }
     for name in ["html", "json", "csv", "md"] {
         eprintln!("wrote {}", folder.join(format!("error-time.{name}")).display());
     }
-    Ok(())
+    if failures.is_empty() { Ok(()) } else { bail!("sections are missing: {}", failures.join("; ")) }
 }
 
 type Job<'p> = Box<dyn Fn(&Plan<'_>) -> Result<Section> + 'p>;
