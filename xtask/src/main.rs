@@ -29,7 +29,7 @@ enum Task {
         skip_tests: bool,
     },
     /// Measure error and run time on the standard scenes and print them as a table.
-    Bench(bench::Options),
+    Bench(Box<bench::Options>),
 }
 
 fn main() -> anyhow::Result<()> {

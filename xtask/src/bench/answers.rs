@@ -174,6 +174,12 @@ impl RunAnswer {
         }
     }
 
+    /// Sweeps of the solver over links, or bounces; `None` where there was neither.
+    pub fn n_rounds(&self) -> Option<u64> {
+        let n = self.links.as_ref().map_or(self.bounces.len(), |links| links.sweeps);
+        (n > 0).then_some(n as u64)
+    }
+
     /// Time of all stages of a name.
     pub fn seconds_of(&self, stage: &str) -> f64 {
         self.stages.iter().filter(|s| s.stage == stage).map(|s| s.seconds).fold(0.0, |a, b| a + b)
@@ -258,6 +264,7 @@ pub mod tests {
             "uncovered": 1, "sweeps": 9, "links": 5000 });
         let answer = RunAnswer::parse(&document).unwrap();
         assert_eq!((answer.integrals(), answer.rays(), answer.rounds().as_str()), (1000, 64_000, "9 sweeps"));
+        assert_eq!((answer.n_rounds(), RunAnswer::parse(&report()).unwrap().n_rounds()), (Some(9), Some(2)));
     }
 
     #[test]

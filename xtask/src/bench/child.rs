@@ -72,7 +72,7 @@ impl Hplt {
     pub fn ask(&self, arguments: &[String], also_good: Option<i32>) -> Result<Answer> {
         let mut command = Command::new(&self.binary);
         command.args(arguments).args(["--json", "--quiet", "--progress", "none"]).current_dir(root());
-        self.finish(command, also_good)
+        finish(command, also_good)
     }
 
     /// The same for a command that has no progress.
@@ -82,35 +82,41 @@ impl Hplt {
     pub fn ask_briefly(&self, arguments: &[String]) -> Result<Answer> {
         let mut command = Command::new(&self.binary);
         command.args(arguments).args(["--json", "--quiet"]).current_dir(root());
-        self.finish(command, None)
+        finish(command, None)
     }
+}
 
-    fn finish(&self, mut command: Command, also_good: Option<i32>) -> Result<Answer> {
-        let shown = show(&command);
-        eprintln!("$ {shown}");
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let start = Instant::now();
-        let mut child = command.spawn().with_context(|| format!("cannot start {}", self.binary.display()))?;
-        let stdout = reader(child.stdout.take());
-        let stderr = reader(child.stderr.take());
-        let mut usage = Usage::default();
-        let status = loop {
-            // Both figures only grow, and are gone as soon as the process ends.
-            usage = usage.or_later(child.id());
-            if let Some(status) = child.try_wait()? {
-                break status;
-            }
-            thread::sleep(Duration::from_millis(5));
-        };
-        let wall_seconds = start.elapsed().as_secs_f64();
-        let [stdout, stderr] = [stdout, stderr].map(|t| t.join().unwrap_or_default());
-        if !status.success() && (also_good.is_none() || status.code() != also_good) {
-            bail!("`{shown}` failed: {status}\n{}", stderr.trim_end());
+/// Runs any command to its end and reads the JSON document that it prints.
+///
+/// # Errors
+/// As [`Hplt::ask`].
+pub fn finish(mut command: Command, also_good: Option<i32>) -> Result<Answer> {
+    let shown = show(&command);
+    eprintln!("$ {shown}");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let start = Instant::now();
+    let mut child = command.spawn().with_context(|| format!("cannot start `{shown}`"))?;
+    let stdout = reader(child.stdout.take());
+    let stderr = reader(child.stderr.take());
+    let mut usage = Usage::default();
+    let status = loop {
+        // Both figures only grow, and are gone as soon as the process ends.
+        usage = usage.or_later(child.id());
+        if let Some(status) = child.try_wait()? {
+            break status;
         }
-        let document = serde_json::from_str(&stdout)
-            .with_context(|| format!("`{shown}` printed no JSON document\n{}", stderr.trim_end()))?;
-        Ok(Answer { document, usage, wall_seconds })
+        thread::sleep(Duration::from_millis(5));
+    };
+    let wall_seconds = start.elapsed().as_secs_f64();
+    let processor = usage.processor_seconds.map(|s| format!(", {s:.1} s on processors")).unwrap_or_default();
+    eprintln!("  {wall_seconds:.1} s{processor}");
+    let [stdout, stderr] = [stdout, stderr].map(|t| t.join().unwrap_or_default());
+    if !status.success() && (also_good.is_none() || status.code() != also_good) {
+        bail!("`{shown}` failed: {status}\n{}", stderr.trim_end());
     }
+    let document = serde_json::from_str(&stdout)
+        .with_context(|| format!("`{shown}` printed no JSON document\n{}", stderr.trim_end()))?;
+    Ok(Answer { document, usage, wall_seconds })
 }
 
 /// Reads a pipe to its end on a thread of its own, so that the child never waits for us.
@@ -136,12 +142,22 @@ impl Usage {
     }
 }
 
+/// What all children together have had of the processors, as far as they have ended, seconds.
+pub fn processor_seconds_of_children() -> Option<f64> {
+    parse_ticks(&std::fs::read_to_string("/proc/self/stat").ok()?, 13)
+}
+
 /// User and system time in the text of `/proc/PID/stat`.
 fn parse_processor_seconds(stat: &str) -> Option<f64> {
+    parse_ticks(stat, 11)
+}
+
+/// Two neighbouring times in the text of `/proc/PID/stat`, added up; `first` counts from behind the name of the program.
+fn parse_ticks(stat: &str, first: usize) -> Option<f64> {
     // What programs see of the kernel's clock, on every Linux system.
     const TICKS_PER_SECOND: f64 = 100.0;
     // The name of the program, in parentheses, may hold anything.
-    let mut after_name = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let mut after_name = stat.rsplit_once(')')?.1.split_whitespace().skip(first);
     let mut ticks = || after_name.next()?.parse::<f64>().ok();
     Some((ticks()? + ticks()?) / TICKS_PER_SECOND)
 }
@@ -167,7 +183,18 @@ mod tests {
     fn processor_time_is_user_and_system_time() {
         let stat = "4242 (a ) b) S 1 2 3 4 5 6 7 8 9 10 1250 75 0 0 20 0 3 0 100 200 300";
         assert_eq!(parse_processor_seconds(stat), Some(13.25));
+        let with_children = stat.replace("1250 75 0 0 20", "1250 75 400 50 20");
+        assert_eq!((parse_ticks(&with_children, 13), parse_ticks(stat, 13)), (Some(4.5), Some(0.0)));
         assert_eq!(parse_processor_seconds("4242 (a) S 1 2"), None);
+    }
+
+    #[test]
+    fn children_that_have_ended_count() {
+        let before = processor_seconds_of_children();
+        let spins = ["-c", "i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done"];
+        Command::new("sh").args(spins).status().unwrap();
+        // Where there is no /proc there is no figure.
+        assert!(before.is_none_or(|before| processor_seconds_of_children().is_some_and(|after| after > before)));
     }
 
     #[test]
@@ -181,7 +208,7 @@ mod tests {
     fn a_child_without_a_document_is_an_error() {
         let mut command = Command::new("cargo");
         command.arg("--version");
-        let error = Hplt::at("cargo".into()).finish(command, None).err().unwrap();
+        let error = finish(command, None).err().unwrap();
         assert!(format!("{error:#}").contains("`cargo --version` printed no JSON document"));
     }
 }

@@ -3,7 +3,7 @@
 use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::shell::{output, root};
 
@@ -11,7 +11,7 @@ use crate::shell::{output, root};
 const QUIET_LOAD: f64 = 0.7;
 
 /// The circumstances of a measurement.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     /// Year-month-day, UTC.
     pub date: String,

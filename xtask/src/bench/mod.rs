@@ -1,18 +1,22 @@
 //! Error and run time on the standard scenes.
 
 mod answers;
+mod axis;
 mod baseline;
 mod beside;
 mod cells;
 mod child;
 mod curves;
 mod engines;
+mod entry;
 mod evidence;
 mod lit;
 mod machine;
 mod measure;
+mod methods;
 mod plot;
 mod published;
+mod report;
 mod scenes;
 mod sheet;
 mod stats;
@@ -31,8 +35,9 @@ use evidence::MAX_PAIRS;
 use machine::Machine;
 use measure::{Bench, Effort};
 use published::Published;
+use report::{Part, Peers, Plan};
 use scenes::{CASES, Case, Source};
-use table::Report;
+use table::{Report, Start};
 
 /// What to measure.
 #[derive(clap::Args)]
@@ -59,14 +64,26 @@ pub struct Options {
     /// Runs of every solver [default: 3; quick: 1]. No further one begins once they have taken two minutes.
     #[arg(long, value_name = "N")]
     runs: Option<usize>,
-    /// Seconds after which one run is cut short [default: 900; quick: 35].
+    /// Seconds after which one run is cut short [default: 900; report: 180; quick: 35].
     #[arg(long, value_name = "SECONDS")]
     limit: Option<u64>,
     /// Draw error against time instead of printing the tables: every variant and the path tracer at five budgets or more.
     #[arg(long, conflicts_with_all = ["baseline", "engine", "runs"])]
     curves: bool,
-    /// Time in the pictures of the curves.
-    #[arg(long, value_enum, default_value = "wall", requires = "curves")]
+    /// Write the error-time report instead of printing the tables: curves as above, what each part of a method is worth, and how time
+    /// grows with triangles, levels, receivers, albedo and threads: `target/bench/error-time.html`, `.json`, `.csv` and `.md`.
+    #[arg(long, conflicts_with_all = ["baseline", "curves", "engine", "runs"])]
+    report: bool,
+    /// Only these parts of the report; may be repeated. The others stay as the last report has them, and so do scenes that --only leaves
+    /// out.
+    #[arg(long, value_enum, value_name = "PART", requires = "report")]
+    part: Vec<Part>,
+    /// Add other renderers to the report, Mitsuba 3 and Radiance, where this Python interpreter has their wheels (mitsuba,
+    /// pyradiance); see benches/peers [default: python3].
+    #[arg(long, value_name = "PYTHON", num_args = 0..=1, default_missing_value = "python3", requires = "report")]
+    peers: Option<PathBuf>,
+    /// Time in the pictures of curves and report.
+    #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
     /// Compare with this binary instead of printing the tables: both run in turns, and a regression of time or error is a failure.
     #[arg(long, value_name = "FILE")]
@@ -100,6 +117,17 @@ pub fn run(options: &Options) -> Result<()> {
     let scenes_folder = scenes::folder(options.scenes.as_deref());
     let cases: Vec<(&Case, Source)> =
         options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
+    if options.report {
+        return report::measure(&Plan {
+            bench: &bench,
+            cases: &cases,
+            parts: &options.part,
+            keeps_others: !(options.part.is_empty() && options.only.is_empty()),
+            clock: options.clock,
+            peers: options.peers.as_deref().map(Peers::of),
+            mode: format!("{}, {} points", options.mode(), bench.effort.n_points),
+        });
+    }
     if options.curves {
         return draw_curves(&bench, &cases, options.clock);
     }
@@ -135,15 +163,18 @@ fn tables(
     options: &Options,
     (machine, warnings): (Machine, Vec<String>),
 ) -> Result<()> {
-    let engines = options.engines();
     let published: Vec<_> = cases.iter().map(|(case, _)| case.published).collect();
-    let mut report = Report { machine, mode: options.mode(), scenes: Vec::new(), warnings };
+    let start = Start::now();
+    let mut report = Report { machine, mode: options.mode(), total: start.total(), scenes: Vec::new(), warnings };
     for (case, source) in cases {
-        let scene = bench.scene(case, source, &engines).with_context(|| format!("cannot measure {}", case.title))?;
+        let scene = bench
+            .scene(case, source, &options.engines(case))
+            .with_context(|| format!("cannot measure {}", case.title))?;
         for engine in &scene.engines {
             report.warnings.extend(engine.warnings.iter().map(|w| format!("{}, {}: {w}", scene.title, engine.title)));
         }
         report.scenes.push(scene);
+        report.total = start.total();
         // After every scene, since each may take many minutes.
         write_tables(bench.folder, &report, &published)?;
     }
@@ -169,7 +200,11 @@ impl Options {
         if let Some(error) = self.reference_error.filter(|e| !(*e > 0.0 && *e < 1.0)) {
             bail!("--reference-error {error}; expected a fraction between 0 and 1, such as 0.003");
         }
-        let usual = if self.quick { Effort::QUICK } else { Effort::FULL };
+        let usual = match (self.quick, self.report) {
+            (true, _) => Effort::QUICK,
+            (false, true) => Effort::REPORT,
+            (false, false) => Effort::FULL,
+        };
         Ok(Effort {
             n_points: self.points.unwrap_or(usual.n_points),
             reference_error: self.reference_error,
@@ -183,12 +218,22 @@ impl Options {
         CASES.iter().filter(|case| self.only.is_empty() || self.only.iter().any(|id| id == case.id)).collect()
     }
 
-    fn engines(&self) -> Vec<&'static Engine> {
-        ENGINES.iter().filter(|e| self.engine.is_empty() || self.engine.iter().any(|id| id == e.id)).collect()
+    /// Those that were asked for, else all that there is time for.
+    fn engines(&self, case: &Case) -> Vec<&'static Engine> {
+        let is_wanted = |e: &&Engine| match (self.engine.is_empty(), self.quick) {
+            (true, quick) => !(quick && case.quick_leaves_out.contains(&e.id)),
+            (false, _) => self.engine.iter().any(|id| id == e.id),
+        };
+        ENGINES.iter().filter(is_wanted).collect()
     }
 
     fn mode(&self) -> String {
-        if self.quick { "quick: few points, coarse settings, a loose reference" } else { "full" }.into()
+        match (self.quick, self.report) {
+            (true, false) => "quick: few points, coarse settings, a loose reference, V1 on Cornell alone",
+            (true, true) => "quick: few points, few budgets, a loose reference",
+            (false, _) => "full",
+        }
+        .into()
     }
 }
 
@@ -216,6 +261,30 @@ mod tests {
         assert!(CASES.iter().all(|case| case.quick_reference_error > case.reference_error));
         let mixed = effort(&["--quick", "--points", "99", "--runs", "2", "--reference-error", "0.02"]).unwrap();
         assert_eq!((mixed.n_points, mixed.n_runs, mixed.reference_error), (99, 2, Some(0.02)));
+    }
+
+    #[test]
+    fn quick_runs_leave_out_what_takes_long_unless_it_is_asked_for() {
+        let ids = |line: &[&str], case: &Case| -> Vec<&str> {
+            let options = Line::try_parse_from(std::iter::once(&"bench").chain(line)).unwrap().options;
+            options.engines(case).iter().map(|e| e.id).collect()
+        };
+        let [cornell, _, sponza] = &CASES;
+        assert_eq!(ids(&[], sponza).len(), ENGINES.len());
+        assert_eq!(ids(&["--quick"], cornell).len(), ENGINES.len());
+        assert!(!ids(&["--quick"], sponza).contains(&"v1"));
+        assert_eq!(ids(&["--quick", "--engine", "v1"], sponza), ["v1"]);
+    }
+
+    #[test]
+    fn parts_and_peers_belong_to_the_report() {
+        let parse = |line: &[&str]| Line::try_parse_from(std::iter::once(&"bench").chain(line));
+        assert!(parse(&["--part", "levels"]).is_err() && parse(&["--peers"]).is_err());
+        assert!(parse(&["--report", "--curves"]).is_err() && parse(&["--report", "--part", "teapots"]).is_err());
+        let options = parse(&["--report", "--part", "levels", "--part", "links", "--peers"]).unwrap().options;
+        assert_eq!(options.part, [Part::Levels, Part::Links]);
+        assert_eq!(options.peers.as_deref(), Some(Path::new("python3")));
+        assert!(options.effort().unwrap().limit_seconds < effort(&[]).unwrap().limit_seconds);
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! The report as Markdown and as comma-separated values.
 
-use std::fmt::Write;
+use std::fmt::{self, Write};
+use std::time::Instant;
 
 use serde::Serialize;
 
 use super::beside::{GPU_NOTE, PUBLISHED_HEAD, Pair, gpu_rows, published_note, published_rows};
 use super::cells::{count, csv, percent, seconds, signed_percent, spread, table};
+use super::child::processor_seconds_of_children;
 use super::engines::{ENGINES, Variant};
 use super::machine::Machine;
 use super::measure::{EngineReport, Reading, SceneReport, Unfinished};
@@ -19,10 +21,51 @@ pub struct Report {
     pub machine: Machine,
     /// How the command was called, in words.
     pub mode: String,
+    /// What it took so far.
+    pub total: Total,
     /// One per scene.
     pub scenes: Vec<SceneReport>,
     /// What is doubtful.
     pub warnings: Vec<String>,
+}
+
+/// What all measurements together took, references that had to be made included.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Total {
+    /// Wall-clock time.
+    pub seconds: f64,
+    /// Time on processors, all processes and threads together.
+    pub processor_seconds: Option<f64>,
+}
+
+/// When measuring began.
+#[derive(Debug, Clone, Copy)]
+pub struct Start {
+    instant: Instant,
+    processor_seconds: Option<f64>,
+}
+
+impl Start {
+    /// Now.
+    pub fn now() -> Self {
+        Self { instant: Instant::now(), processor_seconds: processor_seconds_of_children() }
+    }
+
+    /// Until now.
+    pub fn total(&self) -> Total {
+        let processor = processor_seconds_of_children().zip(self.processor_seconds);
+        Total {
+            seconds: self.instant.elapsed().as_secs_f64(),
+            processor_seconds: processor.map(|(now, start)| now - start),
+        }
+    }
+}
+
+impl fmt::Display for Total {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} in all", seconds(self.seconds))?;
+        self.processor_seconds.map_or(Ok(()), |s| write!(f, ", {} on processors", seconds(s)))
+    }
 }
 
 impl Report {
@@ -32,6 +75,7 @@ impl Report {
         let mut out = String::from("# Error and run time\n\n");
         let m = &self.machine;
         let _ = writeln!(out, "{} on {} cores ({}), commit {}, {}.", m.date, m.cores, m.cpu, m.commit, self.mode);
+        let _ = writeln!(out, "Measuring took {}.", self.total);
         for warning in &self.warnings {
             let _ = write!(out, "\n**Warning:** {warning}.\n");
         }
@@ -306,7 +350,8 @@ mod tests {
     }
 
     fn report(scenes: Vec<SceneReport>) -> Report {
-        Report { machine: Machine::look(), mode: "quick".into(), scenes, warnings: vec!["the sky fell".into()] }
+        let total = Total { seconds: 83.2, processor_seconds: Some(140.5) };
+        Report { machine: Machine::look(), mode: "quick".into(), total, scenes, warnings: vec!["the sky fell".into()] }
     }
 
     fn line<'t>(text: &'t str, needles: &[&str]) -> &'t str {
@@ -338,6 +383,14 @@ mod tests {
         let csv = report.csv();
         let commas: Vec<usize> = csv.lines().map(|l| l.matches(',').count()).collect();
         assert!(commas.len() == 6 && commas.iter().all(|&n| n == CSV_HEAD.len() - 1), "{csv}");
+    }
+
+    #[test]
+    fn what_measuring_took_is_said() {
+        let text = report(Vec::new()).markdown(&[]);
+        assert!(text.contains("Measuring took 83.2 s in all, 140 s on processors."), "{text}");
+        let unknown = Total { seconds: 83.2, processor_seconds: None };
+        assert_eq!(unknown.to_string(), "83.2 s in all");
     }
 
     #[test]
