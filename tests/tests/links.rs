@@ -82,7 +82,8 @@ fn the_box_agrees_with_the_path_tracer() {
 #[test]
 fn gradients_carry_an_even_slope() {
     let prepared = Prepared::new(scenes::build(scenes::cornell_box()), coarse(DirectEstimator::Auto));
-    let points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, 1000, 3);
+    let mut points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, 1000, 3);
+    points.retain(|p| p.normal.y.abs() < 0.5);
     let model = prepared.model();
     let error = |of: &dyn Fn(Vec3) -> f32| {
         let at_functions = model.basis.points(0).iter().map(|p| Rgb::splat(of(p.position))).collect();
@@ -91,11 +92,12 @@ fn gradients_carry_an_even_slope() {
         let mut buffers = ReadBuffers::default();
         let mut mean = |gradients: Option<&Gradients>| {
             let off = |p: &OrientedPoint| {
-                let found = read_in_sight(&model, (&field, gradients), p, &mut buffers).irradiance;
-                assert!(found.min_element() >= 0.0);
-                f64::from((found.x - of(p.position)).abs())
+                let found = read_in_sight(&model, (&field, gradients), p, &mut buffers);
+                assert!(found.irradiance.min_element() >= 0.0);
+                found.spread.is_finite().then(|| f64::from((found.irradiance.x - of(p.position)).abs()))
             };
-            points.iter().map(off).sum::<f64>() / points.len() as f64
+            let errors: Vec<f64> = points.iter().filter_map(off).collect();
+            errors.iter().sum::<f64>() / errors.len() as f64
         };
         [mean(None), mean(Some(&gradients))]
     };

@@ -9,7 +9,7 @@ use crate::Model;
 
 /// Added to the matrix of a fit over the sum of its weights, in squares of a support: gradients that few or crowded neighbours say
 /// little about stay small.
-const RIDGE: f32 = 0.1;
+const RIDGE: f32 = 0.02;
 
 /// The tangential gradients of a field at its functions, W/m² per scene unit.
 ///
