@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use hplt::geom::glam::DVec3;
-use hplt::geom::{Environment, Material, Rgb, Scene, SceneBuilder, TriangleId};
+use hplt::geom::{Bvh, BvhOptions, Environment, Material, NoProgress, Rgb, Scene, SceneBuilder, TriangleId};
 use hplt::reference::closed_forms;
 use hplt::reference::scenes::{self, Shape};
-use hplt::transport::{Error, StopReason, Threshold, TransportOptions};
+use hplt::transport::{Error, StopReason, Threshold, TransportOptions, sky_view};
 use hplt_tests::checks::{hemisphere, worst};
 use hplt_tests::{Prepared, Setup, area_mean, assert_equivalent, replicated};
 
@@ -112,6 +112,40 @@ fn a12_a_hole_to_the_sky() {
             area_mean(&points, &values)
         });
         assert_equivalent(&format!("hole of {open:.5}, albedo {albedo}"), &mean, exact, margin);
+    }
+}
+
+/// A12, small holes: they are announced where some ray finds them, and bounded where none does.
+#[test]
+fn a12_a_hole_too_small_for_the_rays_is_announced() {
+    let view = |fraction: f64, facets: usize| {
+        let (scene, open) = pinhole(fraction, facets, 0.8);
+        let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+        let view = sky_view(&scene, &bvh, 1, &NoProgress).unwrap().unwrap();
+        println!("hole of {open:.2e}: {view:?}, at most {:.2e}", view.most_seen_share());
+        // The inside is half of all sides.
+        assert!((view.enclosed_share - 0.5).abs() < 0.06, "{view:?}");
+        assert!(view.most_seen_share() >= open && view.seen_share() <= 3.0 * open + 1e-9, "{view:?} {open}");
+        view
+    };
+    assert!(!view(1e-2, 20_480).is_under_sampled());
+    assert!(view(1e-3, 20_480).is_under_sampled());
+    // A few facets of 327,680: no ray finds it. What is said is the most that can be there.
+    let closed = view(3e-6, 327_680);
+    assert_eq!(closed.seen, 0);
+    assert!(closed.most_seen_share() < 1.2e-4, "{closed:?}");
+}
+
+/// No opening and nothing but openings: nothing to announce.
+#[test]
+fn a12_open_ground_and_closed_rooms_are_not_announced() {
+    for scene in [
+        scenes::build(scenes::plane_under_sky(10.0, Rgb::splat(0.5), Rgb::ONE)),
+        scenes::build(scenes::furnace_box(Rgb::splat(0.5), Rgb::ONE)),
+    ] {
+        let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+        let view = sky_view(&scene, &bvh, 1, &NoProgress).unwrap();
+        assert!(view.is_none_or(|v| !v.is_under_sampled()), "{view:?}");
     }
 }
 
