@@ -7,7 +7,7 @@ use hplt::geom::{Environment, Material, MeshInput, OrientedPoint, Rgb, SceneBuil
 use hplt::reference::closed_forms;
 use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::poisson::rejection_distance_squared;
-use hplt::transport::{DirectEstimator, DirectOptions, StopReason, TransportOptions};
+use hplt::transport::{DirectEstimator, DirectOptions, LinkOptions, StopReason, TransportOptions};
 
 use crate::{Bare, Prepared, Setup, Solved, Stages};
 
@@ -24,7 +24,7 @@ pub struct Check {
 }
 
 /// All members that faults are held against.
-pub const ALL: [Check; 13] = [
+pub const ALL: [Check; 15] = [
     Check { name: "A1 furnace", run: a1_furnace },
     Check { name: "A9 stop on a bound", run: a9_stop_on_a_bound },
     Check { name: "A13 concentric spheres", run: a13_concentric_spheres },
@@ -38,6 +38,8 @@ pub const ALL: [Check; 13] = [
     Check { name: "C12 encoded texture", run: c12_encoded_texture },
     Check { name: "D8 dark room", run: d8_dark_room },
     Check { name: "E8 distances", run: e8_distances },
+    Check { name: "A1 by links", run: a1_by_links },
+    Check { name: "A13 by links", run: a13_by_links },
 ];
 
 /// The member of that name.
@@ -127,6 +129,42 @@ fn a13_concentric_spheres(stages: &Stages) -> Verdict {
         let points: Vec<OrientedPoint> = points.iter().filter(of_sphere).copied().collect();
         let values = prepared.gathered_at(&solved, &points, 1024);
         f64::from(values.iter().sum::<Rgb>().x) / values.len() as f64
+    };
+    let [b1, b2] = closed_forms::concentric_spheres([1.0, 2.0], [1.0, 0.0], [0.5, 0.5]);
+    for (name, value, expected) in [("inner", mean_of(true), (b1 - 1.0) / 0.5), ("outer", mean_of(false), b2 / 0.5)] {
+        demand((value / expected - 1.0).abs() < 0.015, || format!("{name} sphere: {value} instead of {expected}"))?;
+    }
+    Ok(())
+}
+
+/// A1 by links: indirect light of `ρ/(1-ρ)`, no ray lost.
+fn a1_by_links(stages: &Stages) -> Verdict {
+    let albedo = 0.9f32;
+    let scene = stages.build(scenes::furnace_box(Rgb::splat(albedo), Rgb::ONE));
+    let prepared = Prepared::of(stages, scene, hemisphere(1, 64, 1e-5));
+    let mut options = LinkOptions { n_levels: 2, n_rays: 64, ..LinkOptions::production() };
+    options.solve.tolerance = 1e-6;
+    let linked = prepared.link(&options);
+    demand(linked.report.escaped == 0, || format!("{} rays lost", linked.report.escaped))?;
+    let values: Vec<Rgb> = (0..linked.basis.n_levels()).flat_map(|l| linked.indirect.level(l)).copied().collect();
+    let error = worst(&values, Rgb::splat(albedo / (1.0 - albedo)));
+    demand(error <= 2e-5, || format!("off by {error:e}"))
+}
+
+/// A13 by links: what one sphere sends the other, with the inner one in the way.
+fn a13_by_links(stages: &Stages) -> Verdict {
+    let inner = Material::emitter("inner", Rgb::splat(0.5), Rgb::ONE);
+    let outer = Material::diffuse("outer", Rgb::splat(0.5));
+    let scene = stages.build(scenes::concentric_spheres(1.0, 2.0, 5120, inner, outer));
+    let prepared = Prepared::of(stages, scene, Setup { radius: 0.1, ..hemisphere(1, 256, 1e-3) });
+    let linked = prepared.link(&LinkOptions { n_levels: 1, n_rays: 256, ..LinkOptions::production() });
+    let between = prepared.scene.frame().scene_from_world_length(1.5);
+    let total = linked.direct.plus(&linked.indirect);
+    let mean_of = |is_inner: bool| {
+        let all = linked.basis.points(0).iter().zip(total.level(0));
+        let of_sphere = all.filter(|(p, _)| (p.position.length() < between) == is_inner);
+        let (points, values): (Vec<_>, Vec<_>) = of_sphere.map(|(p, e)| (*p, *e)).unzip();
+        crate::area_mean(&points, &values)
     };
     let [b1, b2] = closed_forms::concentric_spheres([1.0, 2.0], [1.0, 0.0], [0.5, 0.5]);
     for (name, value, expected) in [("inner", mean_of(true), (b1 - 1.0) / 0.5), ("outer", mean_of(false), b2 / 0.5)] {

@@ -2,10 +2,9 @@
 
 use hplt::geom::glam::{DVec3, Vec3};
 use hplt::geom::{BuildPolicy, Bvh, BvhOptions, Material, MeshInput, Rgb, Scene, SceneBuilder, SceneReport, Sides};
-use hplt::reference::closed_forms;
 use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::Warning;
-use hplt::transport::{DirectEstimator, DirectOptions, TransportOptions};
+use hplt::transport::TransportOptions;
 use hplt_tests::checks::{hemisphere, worst};
 use hplt_tests::{Prepared, Setup, area_mean};
 
@@ -269,53 +268,6 @@ fn e1_e2_e3_radii_beyond_reason() {
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(make(2, Radius::Fraction(bad)).is_err(), "{bad}");
     }
-}
-
-/// `n` small emitting triangles on the ceiling of a closed room, 1 W in all; everything else reflects `albedo`.
-fn many_lamps(n: u32, albedo: f32) -> (Scene, f64) {
-    let mut builder = SceneBuilder::new();
-    let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(albedo)));
-    let across = f64::from(n).sqrt().ceil();
-    let size = 0.5 / across;
-    let exitance = 1.0 / (f64::from(n) * 0.5 * size * size);
-    let lamp = builder.push_material(Material::emitter("lamp", Rgb::splat(albedo), Rgb::splat(exitance as f32)));
-    unit_room().push_into(&mut builder, "room", wall);
-    let mut lamps = Shape::new();
-    for i in 0..n {
-        let at = DVec3::new((f64::from(i) % across) / across, 0.9, (f64::from(i) / across).floor() / across);
-        let at = at * DVec3::new(0.9, 1.0, 0.9) + DVec3::new(0.05, 0.0, 0.05);
-        lamps.triangle([at, at + DVec3::X * size, at + DVec3::Z * size]);
-    }
-    lamps.push_into(&mut builder, "lamps", lamp);
-    (scenes::build(builder), 6.0 + 2.0 * lamps.area())
-}
-
-fn assert_many_lamps(n: u32, margin: f64) {
-    let albedo = 0.5;
-    let (scene, area) = many_lamps(n, albedo);
-    let exact = closed_forms::mean_irradiance(1.0, albedo.into(), area);
-    let transport = TransportOptions { n_rays: 64, ..TransportOptions::production() };
-    let direct = DirectOptions { estimator: DirectEstimator::Lights, ..DirectOptions::projection() };
-    let setup = Setup { n_levels: 3, radius: 0.05, direct, transport };
-    let prepared = Prepared::new(scene, setup);
-    let solved = prepared.solve().unwrap();
-    assert_eq!(solved.report.n_escaped(), 0);
-    let mean = area_mean(prepared.basis.points(2), &solved.finest());
-    println!("{n} lamps: mean {mean} for {exact}, {} functions", prepared.basis.hierarchy().n_points());
-    assert!((mean / exact - 1.0).abs() < margin, "{n} lamps: {mean} for {exact}");
-}
-
-/// C9: a thousand emitters; the mean of the room is what they emit over what is absorbed.
-#[test]
-fn c9_a_thousand_emitters() {
-    assert_many_lamps(1000, 0.03);
-}
-
-/// C9 at its full size.
-#[test]
-#[ignore = "slow: a million emitters"]
-fn c9_a_million_emitters() {
-    assert_many_lamps(1_000_000, 0.03);
 }
 
 /// D22: ten million triangles: the furnace is exact, the BVH within 90 bytes a triangle, as the command estimates.

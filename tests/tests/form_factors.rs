@@ -194,3 +194,34 @@ fn cie_171_5_6_a_lit_floor_lights_a_wall() {
     // A disc of sun would do the same: π is in no factor.
     assert!((closed_forms::disc_on_axis_irradiance(1.0, 1.0, 1.0) - 0.5 * PI).abs() < 1e-15);
 }
+
+/// CIE 171:2006 5.7 with values of our own (its table 19 is wrong): as 5.6, and an upright plate hides a strip of the floor. The sun
+/// sees the plate edge-on, so that the floor stays evenly lit.
+#[test]
+fn cie_171_5_7_a_plate_hides_part_of_the_floor() {
+    let mut builder = SceneBuilder::new();
+    let floor = builder.push_material(Material::diffuse("floor", Rgb::splat(0.6)));
+    let black = builder.push_material(Material::diffuse("black", Rgb::ZERO));
+    let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    let (near, top) = (1.0, 0.6);
+    let ground = [at(-2.0, 0.0, 0.0), at(-2.0, 0.0, 3.0), at(2.0, 0.0, 3.0), at(2.0, 0.0, 0.0)];
+    Shape::new().quad(ground).push_into(&mut builder, "floor", floor);
+    let wall = [at(-2.0, 0.0, 0.0), at(2.0, 0.0, 0.0), at(2.0, 3.0, 0.0), at(-2.0, 3.0, 0.0)];
+    let plate = [at(-2.0, 0.0, near), at(2.0, 0.0, near), at(2.0, top, near), at(-2.0, top, near)];
+    Shape::new().quad(wall).quad(plate).push_into(&mut builder, "wall and plate", black);
+    builder.push_directional_light("sun", Vec3::Y, Rgb::splat(10.0), 0.0);
+    let transport = TransportOptions { n_rays: 256, tolerance: 1e-3, ..TransportOptions::production() };
+    let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 3, transport, ..Setup::default() });
+    let solved = prepared.solve().unwrap();
+    for height in [1.0, 2.0, 2.5] {
+        // The line of sight over the top of the plate comes down at `far`.
+        let far = near / (1.0 - top / height);
+        let to = |depth: f64| 2.0 * closed_forms::point_to_perpendicular_rectangle(depth / 2.0, height / 2.0);
+        let (whole, visible) = (to(3.0), to(near) + to(3.0) - to(far.min(3.0)));
+        let points = prepared.locate_world(&[(at(0.0, height, 0.0), Vec3::Z)]);
+        let gathered = f64::from(prepared.gather(&solved, &points, 1 << 16)[0].irradiance.x);
+        println!("height {height}: {gathered} for {}, {} without the plate", 6.0 * visible, 6.0 * whole);
+        assert!((gathered / (6.0 * visible) - 1.0).abs() < 5e-3, "height {height}");
+        assert!(visible < 0.97 * whole, "the plate hides too little for a test");
+    }
+}

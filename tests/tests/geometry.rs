@@ -140,6 +140,76 @@ fn d10_the_sides_of_a_sheet_are_independent() {
     assert!(all_black(&totals(&prepared, &solved, &below)));
 }
 
+/// D10 in the open: a square lamp above a two-sided sheet: its upper side receives the form factor of A14, the lower one exactly 0.
+#[test]
+fn d10_a_sheet_under_a_lamp_is_lit_from_one_side() {
+    for gap in [0.1, 1.0] {
+        let mut builder = SceneBuilder::new();
+        let sheet = builder.push_material(Material::diffuse("sheet", Rgb::splat(0.6)));
+        let lamp = builder.push_material(Material::emitter("lamp", Rgb::ZERO, Rgb::ONE));
+        let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+        let square = |y: f64| [at(0.0, y, 0.0), at(1.0, y, 0.0), at(1.0, y, 1.0), at(0.0, y, 1.0)];
+        Shape::new().quad(square(0.0)).push_into(&mut builder, "sheet", sheet);
+        Shape::new().quad(square(gap)).push_into(&mut builder, "lamp", lamp);
+        let prepared = Prepared::new(scenes::build(builder), quick());
+        let solved = prepared.solve().unwrap();
+        let sides = [Vec3::Y, Vec3::NEG_Y].map(|normal| {
+            let places: Vec<_> = hplt_tests::checks::cells(40).map(|(u, v)| (at(u, 0.0, v), normal)).collect();
+            prepared.interpolated_at(&solved, &prepared.locate_world(&places))
+        });
+        let mean = sides[0].iter().map(|e| f64::from(e.x)).sum::<f64>() / sides[0].len() as f64;
+        let exact = hplt::reference::closed_forms::parallel_rectangles(1.0 / gap, 1.0 / gap);
+        println!("gap {gap}: {mean} for {exact}");
+        assert!((mean / exact - 1.0).abs() < 0.005, "gap {gap}: {mean} for {exact}");
+        assert!(sides[1].iter().all(|e| *e == Rgb::ZERO), "gap {gap}: light on the lower side");
+    }
+}
+
+/// E5: triangles far smaller than any distance between functions: those that hang alone have a function on each side, those that
+/// lie about are covered, and all receive their light.
+#[test]
+fn e5_crumbs_have_functions_or_are_covered() {
+    let size = 1e-3;
+    let crumb = |at: DVec3| [at, at + DVec3::X * size, at + DVec3::Z * size];
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(Material::emitter("wall", Rgb::splat(0.5), Rgb::ONE));
+    Shape::new().room(DVec3::ZERO, DVec3::ONE).push_into(&mut builder, "room", wall);
+    // Both sides of the crumbs reflect, the upper ones emit nothing: what they receive is 2 all the same.
+    let paper = builder.push_material(Material::diffuse("paper", Rgb::splat(0.5)));
+    let hanging: Vec<DVec3> =
+        (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) * 0.3 + 0.2).collect();
+    let lying: Vec<DVec3> = (0..400)
+        .map(|i| DVec3::new(f64::from(i % 20), 0.04, f64::from(i / 20)) * 0.04 + DVec3::new(0.1, 0.0, 0.1))
+        .collect();
+    let mut crumbs = Shape::new();
+    hanging.iter().chain(&lying).for_each(|&at| {
+        crumbs.triangle(crumb(at));
+    });
+    crumbs.push_into(&mut builder, "crumbs", paper);
+    let mut setup = hplt_tests::checks::hemisphere(2, 256, 1e-4);
+    setup.radius = 0.06;
+    let prepared = Prepared::new(scenes::build(builder), setup);
+    assert!(prepared.placed.uncovered_fraction <= 1e-3, "{}", prepared.placed.uncovered_fraction);
+    let frame = prepared.scene.frame();
+    let top = prepared.basis.n_levels() - 1;
+    let functions: Vec<(DVec3, Vec3)> =
+        prepared.basis.points(top).iter().map(|p| (frame.world_from_scene_point(p.position), p.normal)).collect();
+    for &at in &hanging {
+        for normal in [Vec3::Y, Vec3::NEG_Y] {
+            let on = |(p, n): &(DVec3, Vec3)| (*p - at).length() < 2.0 * size && n.dot(normal) > 0.9;
+            assert!(functions.iter().any(on), "no function at {at} {normal}");
+        }
+    }
+    let solved = prepared.solve().unwrap();
+    let middle = DVec3::new(0.3, 0.0, 0.3) * size;
+    let places: Vec<_> =
+        hanging.iter().chain(&lying).flat_map(|&at| [(at + middle, Vec3::Y), (at + middle, Vec3::NEG_Y)]).collect();
+    let values = prepared.interpolated_at(&solved, &prepared.locate_world(&places));
+    let worst = hplt_tests::checks::worst(&values, Rgb::splat(2.0));
+    // The paper does not emit: it takes a trace of light from what faces it.
+    assert!(worst < 0.05, "{worst}");
+}
+
 /// D3: walls cut into needles of aspect 10⁶ do not leak and do not change the furnace.
 #[test]
 fn d3_needle_walls_do_not_leak() {

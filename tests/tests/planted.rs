@@ -2,12 +2,12 @@
 //!
 //! | fault | seen by |
 //! |---|---|
-//! | uniform instead of cosine rays | A14, A13 |
-//! | cosine twice | A14, A13 |
-//! | normal flipped | A14, A17 |
+//! | uniform instead of cosine rays | A14, A13, also by links |
+//! | cosine twice | A14, A13, also by links |
+//! | normal flipped | A14, A17, A13 by links |
 //! | occlusion off | A17 |
-//! | only the far wall occludes | A17, A13 |
-//! | last ray dropped | A1 |
+//! | only the far wall occludes | A17, A13, also by links |
+//! | last ray dropped | A1, also by links |
 //! | ray epsilon of 1e-3 | A14 |
 //! | kernel without its 1/π | A1 |
 //! | rows too large by 1e-3 | A1, A9 |
@@ -16,8 +16,8 @@
 //! | weights not renormalised | A1 |
 //! | kernel ignores the side | D8 |
 //! | sum in the order of the threads | B6 |
-//! | radiance taken for exitance | A1, A14 |
-//! | albedo applied twice | A1, A13 |
+//! | radiance taken for exitance | A1, A14, A1 by links |
+//! | albedo applied twice | A1, A13, also by links |
 //! | radiosity and irradiance swapped | A13 |
 //! | one point duplicated | B11, E8 |
 //! | area weights times 1.01 | B11 |
@@ -30,12 +30,12 @@ use hplt_tests::{Stages, faults};
 
 /// The table above.
 const SEEN_BY: [(&str, &[&str]); 22] = [
-    ("uniform instead of cosine rays", &["A14 parallel plates", "A13 concentric spheres"]),
-    ("cosine twice", &["A14 parallel plates", "A13 concentric spheres"]),
-    ("normal flipped", &["A14 parallel plates", "A17 blocked square"]),
+    ("uniform instead of cosine rays", &["A14 parallel plates", "A13 concentric spheres", "A13 by links"]),
+    ("cosine twice", &["A14 parallel plates", "A13 concentric spheres", "A13 by links"]),
+    ("normal flipped", &["A14 parallel plates", "A17 blocked square", "A13 by links"]),
     ("occlusion off", &["A17 blocked square"]),
-    ("only the far wall occludes", &["A17 blocked square", "A13 concentric spheres"]),
-    ("last ray dropped", &["A1 furnace"]),
+    ("only the far wall occludes", &["A17 blocked square", "A13 concentric spheres", "A13 by links"]),
+    ("last ray dropped", &["A1 furnace", "A1 by links"]),
     ("ray epsilon of 1e-3", &["A14 parallel plates"]),
     ("kernel without its 1/π", &["A1 furnace"]),
     ("rows too large by 1e-3", &["A1 furnace", "A9 stop on a bound"]),
@@ -44,8 +44,8 @@ const SEEN_BY: [(&str, &[&str]); 22] = [
     ("weights not renormalised", &["A1 furnace"]),
     ("kernel ignores the side", &["D8 dark room"]),
     ("sum in the order of the threads", &["B6 threads"]),
-    ("radiance taken for exitance", &["A1 furnace", "A14 parallel plates"]),
-    ("albedo applied twice", &["A1 furnace", "A13 concentric spheres"]),
+    ("radiance taken for exitance", &["A1 furnace", "A14 parallel plates", "A1 by links"]),
+    ("albedo applied twice", &["A1 furnace", "A13 concentric spheres", "A1 by links", "A13 by links"]),
     ("radiosity and irradiance swapped", &["A13 concentric spheres"]),
     ("one point duplicated", &["B11 areas", "E8 distances"]),
     ("area weights times 1.01", &["B11 areas"]),

@@ -166,6 +166,7 @@ impl<'r> Run<'r> {
         let hierarchy = self.stage("points", |_| poisson_hierarchy(scene, &bvh, &options, reporter));
         let hierarchy = hierarchy.map_err(sampling_failure)?;
         self.enter_hierarchy(&hierarchy.report);
+        self.look_for_sky(scene, &bvh)?;
         let regions = hierarchy.regions;
         if settings.variant == Variant::Links {
             let parts = LinkParts { scene, bvh, regions, coarsest: hierarchy.points };

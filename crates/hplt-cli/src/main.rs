@@ -32,6 +32,7 @@ mod scene_hash;
 mod sections;
 mod session;
 mod settings;
+mod sky;
 mod snap;
 mod solution;
 mod solve;

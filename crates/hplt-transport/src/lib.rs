@@ -39,6 +39,7 @@ mod relight;
 mod report;
 mod sight;
 mod sky;
+mod sky_view;
 mod solve;
 mod sparse;
 
@@ -59,6 +60,7 @@ pub use oracle::{Detail, Oracle, Threshold};
 pub use relight::{GroupLight, Relighting, Relit, SolvedGroup, weighted_sum};
 pub use report::{BounceReport, Solution, StopReason, TransportReport};
 pub use sight::{LayeredInSight, LayeredNearestInSight, ReadBuffers, Reading, read_in_sight};
+pub use sky_view::{SkyView, sky_view};
 pub use solve::{
     ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, System, Unknowns, solve, solve_from,
     solve_many, solve_with_gain,
