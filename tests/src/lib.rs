@@ -6,6 +6,7 @@
 
 pub mod checks;
 pub mod faults;
+pub mod manufactured;
 mod stages;
 mod verdict;
 

@@ -265,7 +265,9 @@ fn relit_file(
     outcome: &Outcome,
 ) -> SolutionFile {
     let dropped = ["hplt.command", "hplt.converged", "hplt.stop", "hplt.truncation_bound", "hplt.error_mean"];
-    let is_dropped = |key: &str| dropped.contains(&key) || key == "hplt.error_p95" || key == "hplt.solve_tolerance";
+    let is_dropped = |key: &str| {
+        dropped.contains(&key) || ["hplt.error_bound", "hplt.error_p95"].contains(&key) || key == "hplt.solve_tolerance"
+    };
     file.metadata.retain(|(key, _)| !is_dropped(key));
     let mut push = |key: String, value: String| file.metadata.push((key, value));
     push("hplt.command".into(), "relight".into());

@@ -127,6 +127,8 @@ pub struct BounceRow {
 pub struct ErrorRow {
     /// Mean relative error.
     pub mean: f64,
+    /// What the mean is below, as far as chance goes, in 95 of 100 runs and more.
+    pub bound: f64,
     /// 95th percentile of the relative error, noise of the measurement included.
     pub p95: f64,
     /// Noise of the measurement.
@@ -161,7 +163,7 @@ impl From<&BounceReport> for BounceRow {
 
 impl From<ErrorEstimate> for ErrorRow {
     fn from(e: ErrorEstimate) -> Self {
-        Self { mean: e.mean, p95: e.p95, noise: e.noise, points: e.n_points }
+        Self { mean: e.mean, bound: e.bound, p95: e.p95, noise: e.noise, points: e.n_points }
     }
 }
 
@@ -318,8 +320,9 @@ impl RunReport {
         if let Some(e) = self.error {
             let _ = write!(
                 text,
-                "interpolated: {} mean, {} at the 95th percentile of {} points",
+                "interpolated: {} mean ({} at most in 95 of 100 runs), {} at the 95th percentile of {} points",
                 human_percent(e.mean),
+                human_percent(e.bound),
                 human_percent(e.p95),
                 e.points
             );

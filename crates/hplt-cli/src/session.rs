@@ -103,6 +103,7 @@ impl Run<'_> {
         }
         if let Some(error) = report.error {
             out.push(("hplt.error_mean".into(), error.mean.to_string()));
+            out.push(("hplt.error_bound".into(), error.bound.to_string()));
             out.push(("hplt.error_p95".into(), error.p95.to_string()));
         }
         out

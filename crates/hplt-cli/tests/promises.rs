@@ -42,7 +42,8 @@ fn a_budget_of_time_is_kept_or_said_to_be_exceeded() {
     folder.run(&["sample-points", "gen:cornell", "-n", "200", "--seed", "5", "-o", "at.csv"]).ok();
     for asked in [0.5, 4.0] {
         let time = format!("{asked}s");
-        let points = ["points", "gen:cornell", "--at", "at.csv", "--out", "a.csv", "--force", "--json", "--time", &time];
+        let points =
+            ["points", "gen:cornell", "--at", "at.csv", "--out", "a.csv", "--force", "--json", "--time", &time];
         let started = std::time::Instant::now();
         let report = folder.run(&points).ok().json();
         let took = started.elapsed().as_secs_f64();
@@ -61,12 +62,14 @@ fn a_budget_of_memory_is_kept_or_refused() {
     let mut outcomes = Vec::new();
     for (mib, levels) in [(64, "2"), (64, "7"), (400, "5")] {
         let limit = format!("{mib}MiB");
-        let args = ["solve", "gen:cornell", "-o", "a.hplt", "--force", "-q", "--levels", levels, "--max-memory", &limit];
+        let args =
+            ["solve", "gen:cornell", "-o", "a.hplt", "--force", "-q", "--levels", levels, "--max-memory", &limit];
         let mut child = folder.command(&args).spawn().unwrap();
         let mut most = 0u64;
         let code = loop {
             let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
-            let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse().ok());
+            let peak =
+                status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse().ok());
             most = most.max(peak.unwrap_or(0));
             if let Some(status) = child.try_wait().unwrap() {
                 break status.code();

@@ -2,7 +2,10 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{CONTACT, DirectLight, FinalGatherOptions, Model, Sender, final_gather};
+use crate::{CONTACT, DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_gather};
+
+/// The 99th percentile of the normal distribution.
+const NORMAL_99: f64 = 2.326;
 
 /// How far a solution is from its own gather, at points that are no functions. Relative to the total irradiance there, by
 /// luminance, with a floor of 1 % of the mean.
@@ -10,6 +13,10 @@ use crate::{CONTACT, DirectLight, FinalGatherOptions, Model, Sender, final_gathe
 pub struct ErrorEstimate {
     /// Mean over the points of `|found - gathered| / total`, the noise of the gather taken out in the square.
     pub mean: f64,
+    /// What the mean error over the whole surface is below in 95 of 100 runs and more: the upper end of a one-sided interval of 99 %
+    /// about the mean that was measured, in which the noise of the gather still is, and what is wrong everywhere alike, of which a
+    /// gather over the same field shows only the share that is not reflected again. Infinite where no point receives direct light.
+    pub bound: f64,
     /// The 95th percentile over the points; includes the noise of the gather.
     pub p95: f64,
     /// Mean standard error of the gathers that this was measured with.
@@ -37,7 +44,7 @@ pub struct ErrorProbe<'a> {
 
 /// Measures what was found at points against gathers of fresh rays over `sender`, the indirect irradiance as gathers read it.
 ///
-/// The estimate does not see errors that both share, bounces left out above all
+/// Neither the estimate nor the bound sees errors that both share, bounces left out above all
 /// ([`TransportReport::truncation_bound`](crate::TransportReport)).
 ///
 /// # Errors
@@ -61,8 +68,33 @@ pub fn estimate_error<E>(
         .collect();
     let noise = (0..points.len()).map(|i| relative(luminance(fresh[i].noise), i)).sum::<f64>() / n;
     let measured = errors.iter().sum::<f64>() / n;
+    let common = common_error(indirect, &fresh, direct, n);
+    let bound = upper_end(&errors) + common;
     errors.sort_by(f64::total_cmp);
     let p95 = errors.get((errors.len() * 95) / 100).copied().unwrap_or(0.0);
     let mean = (measured * measured - noise * noise).max(0.0).sqrt();
-    Ok(ErrorEstimate { mean, p95, noise, n_points: points.len() })
+    Ok(ErrorEstimate { mean, bound, p95, noise, n_points: points.len() })
+}
+
+/// The upper end of the one-sided interval of 99 % about the mean of `values`.
+fn upper_end(values: &[f64]) -> f64 {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    mean + NORMAL_99 * (squares / (n * (n - 1.0).max(1.0))).sqrt()
+}
+
+/// The relative error that all points may have in common beyond what the gathers show. An error `e` of the whole field changes what
+/// is gathered from it by `ρe`, so that only `(1-ρ)e` is seen; `1-ρ` is the direct part of all light.
+fn common_error(indirect: &[Rgb], fresh: &[FinalGather], direct: &[Rgb], n: f64) -> f64 {
+    let sum = |values: &mut dyn Iterator<Item = f32>| values.map(f64::from).sum::<f64>();
+    let arrives = sum(&mut direct.iter().map(|d| luminance(*d)));
+    let all = arrives + sum(&mut fresh.iter().map(|g| luminance(g.irradiance)));
+    if all <= 0.0 {
+        return 0.0;
+    }
+    let differences: Vec<f64> =
+        indirect.iter().zip(fresh).map(|(i, g)| f64::from(luminance(*i) - luminance(g.irradiance)) * n / all).collect();
+    let negated: Vec<f64> = differences.iter().map(|d| -d).collect();
+    upper_end(&differences).max(upper_end(&negated)) * (all / arrives - 1.0)
 }
