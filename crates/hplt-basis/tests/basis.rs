@@ -193,3 +193,37 @@ fn push_down_reproduces_constants_and_children_mirror_parents() {
     let n_links: usize = (0..basis.n_functions(0) as u32).map(|p| parents.children(p).len()).sum();
     assert_eq!(n_links, (0..basis.n_functions(1) as u32).map(|c| parents.of(c).len()).sum::<usize>());
 }
+
+/// The weight is the kernel of the elliptical distance times the squared cosine between the normals, and the tree of a level holds its
+/// points.
+#[test]
+fn weights_are_those_of_their_definition() {
+    let basis = ShepardBasis::build(plane(6, 2, Vec3::Y, 0), BasisOptions::default());
+    let (footprint, centre) = (basis.footprint(1), basis.points(1)[40]);
+    let support = footprint.support();
+    assert_eq!(support, basis.support(1));
+    assert_eq!(basis.tree(1).points().len(), basis.n_functions(1));
+    for tilt in [0.0f32, 0.5, 1.0] {
+        let normal = Vec3::new(tilt.sin(), tilt.cos(), 0.0);
+        let offset = Vec3::new(0.3, 0.1, -0.2) * support;
+        let query = OrientedPoint::new(centre.position + offset, normal, RegionId(0));
+        // The height counts three times.
+        let h = Vec3::new(0.3, 0.3, -0.2).length();
+        let expected = (1.0 - h * h * (3.0 - 2.0 * h)) * tilt.cos() * tilt.cos();
+        let weight = footprint.weight(&centre, &query);
+        assert!((weight - expected).abs() < 1e-5, "tilt {tilt}: {weight} for {expected}");
+    }
+}
+
+/// Where every function faces away a little, the nearest still answers; from behind a sheet none does.
+#[test]
+fn the_last_resort_may_face_away_but_not_be_behind() {
+    let basis = ShepardBasis::build(plane(6, 1, Vec3::Y, 0), BasisOptions::default());
+    let field = sampled(&basis);
+    for (cosine, is_answered) in [(-0.3f32, true), (-0.7, false)] {
+        let normal = Vec3::new((1.0 - cosine * cosine).sqrt(), cosine, 0.0);
+        let mut out = [Rgb::ZERO];
+        let coverage = ExactShepard.reconstruct(&basis, &field, 1, &[point(0.5, 0.5, normal, 0, 0.0)], &mut out);
+        assert_eq!((coverage.nearest == 1, out[0] != Rgb::ZERO), (is_answered, is_answered), "{cosine}");
+    }
+}

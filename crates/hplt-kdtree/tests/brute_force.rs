@@ -162,3 +162,14 @@ fn the_tree_has_the_same_bits_at_any_thread_count() {
         assert!(build(threads) == one, "{threads} threads");
     }
 }
+
+#[test]
+fn leaves_hold_every_point_once() {
+    let points = cloud(1000, 5);
+    let tree = KdTree::build(&points);
+    let mut ids = tree.order().to_vec();
+    assert_eq!((tree.points().len(), ids.len()), (1000, 1000));
+    assert!(tree.points().iter().zip(&ids).all(|(p, &id)| *p == points[id as usize]));
+    ids.sort_unstable();
+    assert!(ids.into_iter().eq(0..1000));
+}

@@ -246,6 +246,17 @@ mod tests {
     }
 
     #[test]
+    fn gaps_beyond_16_bits_take_one_more_entry() {
+        for (gap, n_entries) in [(65_535, 2), (65_536, 3), (131_070, 3), (131_071, 4)] {
+            let mut g = SparseRows::new(200_000);
+            g.push_row(&[(1, Rgb::ONE), (1 + gap, Rgb::splat(0.5))]);
+            let last = g.row(0).last().unwrap();
+            assert!(last.0 == 1 + gap && (last.1 - 0.5).abs().max_element() < 1e-4, "{gap}: {last:?}");
+            assert_eq!(g.n_entries(), n_entries, "{gap}");
+        }
+    }
+
+    #[test]
     fn the_rough_product_is_near() {
         let n = 3000u32;
         let mut g = SparseRows::new(n as usize);
