@@ -47,6 +47,9 @@ pub struct SolveSection {
     /// How senders are read where a ray arrives
     #[arg(long)]
     pub reconstruction: Option<ReconstructionName>,
+    /// How links are solved for all bounces
+    #[arg(long)]
+    pub solver: Option<SolverName>,
     /// Levels of the point hierarchy, 1 to 16
     #[arg(long, value_name = "N")]
     pub levels: Option<usize>,
@@ -175,6 +178,22 @@ pub enum ReconstructionName {
     Nearest,
 }
 
+/// How links are solved.
+#[derive(ValueEnum, Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SolverName {
+    /// Generalised minimal residuals: fewest products
+    Gmres,
+    /// Stabilised biconjugate gradients: least memory
+    Bicgstab,
+    /// One sweep in place after another
+    GaussSeidel,
+    /// Largest residuals first: progressive shooting
+    Southwell,
+    /// One bounce after another
+    Bounces,
+}
+
 /// How indirect light gets to the pixels.
 #[derive(ValueEnum, Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -260,7 +279,7 @@ macro_rules! layered {
 }
 
 layered!(SceneSection: clamp_materials, drop_bad, one_sided, allow_empty, length_scale, light_unit, max_albedo);
-layered!(SolveSection: preset, variant, reconstruction, levels, radius, rays, sender_levels, threshold,
+layered!(SolveSection: preset, variant, reconstruction, solver, levels, radius, rays, sender_levels, threshold,
     relative_threshold, noise_factor, bounces, tolerance, seed);
 layered!(RenderSection: camera, eye, target, up, fov, size, samples, display, gather_rays, exposure, tone_map);
 layered!(RunSection: threads, max_memory, max_time, progress, strict);

@@ -2,14 +2,14 @@
 
 use hplt_geom::BuildPolicy;
 use hplt_io::{LightUnit, LoadOptions};
-use hplt_transport::{LinkOptions, LinkPrecision, SolveOptions, Threshold, TransportOptions};
+use hplt_transport::{LinkOptions, LinkPrecision, Method, SolveOptions, Threshold, TransportOptions};
 
 use crate::args::Common;
 use crate::config::{Config, with_origins};
 use crate::exit::Failure;
 use crate::sections::{
     Display, LightUnitName, Preset, ProgressMode, ReconstructionName, RenderSection, RunSection, SceneSection,
-    SolveSection, ToneMapName, Variant,
+    SolveSection, SolverName, ToneMapName, Variant,
 };
 use crate::values::{Radius, Tolerance};
 
@@ -31,6 +31,8 @@ pub struct Settings {
     pub variant: Variant,
     /// How senders are read.
     pub reconstruction: ReconstructionName,
+    /// How links are solved.
+    pub solver: Method,
     /// Levels of the hierarchy.
     pub levels: usize,
     /// Poisson radius of the coarsest one.
@@ -100,6 +102,7 @@ impl Settings {
             allow_empty: config.scene.allow_empty.unwrap_or(false),
             variant: solve.variant.unwrap_or(Variant::Links),
             reconstruction: solve.reconstruction.unwrap_or(ReconstructionName::Nearest),
+            solver: solve.solver.map_or(SolveOptions::default().method, method),
             levels: solve.levels.unwrap_or(levels),
             radius: solve.radius.unwrap_or(radius),
             transport,
@@ -117,7 +120,8 @@ impl Settings {
 impl Settings {
     /// How links are made.
     pub fn links(&self) -> LinkOptions {
-        let solve = SolveOptions { tolerance: self.transport.tolerance, ..SolveOptions::default() };
+        let solve =
+            SolveOptions { method: self.solver, tolerance: self.transport.tolerance, ..SolveOptions::default() };
         LinkOptions {
             seed: self.transport.seed,
             n_rays: self.transport.n_rays,
@@ -168,6 +172,7 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
             preset: Some(preset),
             variant: Some(variant),
             reconstruction: Some(reconstruction),
+            solver: (variant == Variant::Links).then_some(SolverName::Gmres),
             levels: Some(levels),
             radius: Some(radius),
             rays: Some(transport.n_rays),
@@ -188,6 +193,16 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
         },
         run: RunSection { progress: Some(ProgressMode::Auto), strict: Some(false), ..RunSection::default() },
         light: Vec::new(),
+    }
+}
+
+fn method(solver: SolverName) -> Method {
+    match solver {
+        SolverName::Gmres => SolveOptions::default().method,
+        SolverName::Bicgstab => Method::BiCgStab,
+        SolverName::GaussSeidel => Method::GaussSeidel,
+        SolverName::Southwell => Method::Southwell,
+        SolverName::Bounces => Method::Bounces,
     }
 }
 
@@ -228,6 +243,10 @@ fn check_solve(solve: &SolveSection) -> Result<(), Failure> {
     within("--levels", solve.levels, 1, MAX_LEVELS)?;
     within("--sender-levels", solve.sender_levels, 1, MAX_LEVELS)?;
     within("--bounces", solve.bounces, 1, 1_000_000)?;
+    let is_slides = solve.variant.is_none() && solve.preset == Some(Preset::Slides);
+    if solve.solver.is_some() && (is_slides || solve.variant.is_some_and(|v| v != Variant::Links)) {
+        return Err(Failure::usage("--solver solves links: it needs --variant links"));
+    }
     for (flag, value) in [
         ("--threshold", solve.threshold),
         ("--relative-threshold", solve.relative_threshold),

@@ -15,6 +15,8 @@ fn wrong_flags_are_usage_errors() {
         &["--rays", "100"],
         &["--tolerance", "0"],
         &["--levels", "0"],
+        &["--solver", "bounces", "--variant", "absolute"],
+        &["--solver", "jacobi"],
         &["--threads", "0"],
         &["--max-memory", "0"],
         &["--max-time", "-1s"],

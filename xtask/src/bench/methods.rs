@@ -64,7 +64,8 @@ enum Budgets {
 const NOISE_AWARE: [(&str, &str); 3] =
     [("--threshold", "0"), ("--relative-threshold", "0.05"), ("--noise-factor", "2")];
 
-const LINKS_ABLATIONS: [Ablation; 6] = [
+const LINKS_ABLATIONS: [Ablation; 7] = [
+    usual("plain bounces, no Krylov solver", "production", &[("--solver", "bounces")]),
     usual("Shepard links, not nearest", "production", &[("--reconstruction", "shepard")]),
     usual("refined everywhere, no oracle", "production", &[("--relative-threshold", "0"), ("--noise-factor", "0")]),
     usual("oracle blind to noise", "production", &[("--noise-factor", "0")]),
