@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 use hplt_basis::{
-    Absolute, ApproximateNearest, BasisOptions, Coefficients, Delta, ExactShepard, Reconstruction, ShepardBasis,
-    absolute_from_delta, delta_from_absolute, restrict,
+    Absolute, ApproximateNearest, BasisOptions, Coefficients, Delta, ExactShepard, LayeredScratch, Reconstruction,
+    ShepardBasis, absolute_from_delta, delta_from_absolute, restrict,
 };
 use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb};
 
@@ -225,5 +225,31 @@ fn the_last_resort_may_face_away_but_not_be_behind() {
         let mut out = [Rgb::ZERO];
         let coverage = ExactShepard.reconstruct(&basis, &field, 1, &[point(0.5, 0.5, normal, 0, 0.0)], &mut out);
         assert_eq!((coverage.nearest == 1, out[0] != Rgb::ZERO), (is_answered, is_answered), "{cosine}");
+    }
+}
+
+/// Finer functions on the left half alone: well inside it they answer, on the right the coarse ones do, and the weights are a
+/// partition of unity everywhere.
+#[test]
+fn a_layered_expansion_goes_as_deep_as_there_are_functions() {
+    let mut hierarchy = plane(6, 2, Vec3::Y, 0);
+    hierarchy.levels[0].is_refined = hierarchy.levels[0].points.iter().map(|p| p.position.x < 0.6).collect();
+    hierarchy.levels[1].points.retain(|p| p.position.x < 0.5);
+    let basis = ShepardBasis::build(hierarchy, BasisOptions::default());
+    let n_coarse = basis.n_functions(0) as u32;
+    let (mut expansion, mut scratch) = (Vec::new(), LayeredScratch::default());
+    let mut finer_share = |query: &OrientedPoint, n_levels: usize| {
+        let coverage = basis.expand(n_levels, query, &mut expansion, &mut scratch);
+        assert_eq!((coverage.queries, coverage.nearest, coverage.uncovered), (1, 0, 0));
+        let sum: f32 = expansion.iter().map(|w| w.weight).sum();
+        assert!((sum - 1.0).abs() < 1e-5, "{sum}");
+        expansion.iter().filter(|w| w.function >= n_coarse).map(|w| w.weight).sum::<f32>()
+    };
+    for query in queries(500) {
+        let share = finer_share(&query, 2);
+        let x = query.position.x;
+        assert!(x > 0.3 || share > 0.999, "{share} at {x}");
+        assert!(x < 0.7 || share == 0.0, "{share} at {x}");
+        assert_eq!(finer_share(&query, 1), 0.0);
     }
 }
