@@ -3,6 +3,7 @@
 use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, Progress, RayCaster, Scene, parallel};
 
 use crate::candidates::{Candidates, random_points};
+use crate::components::Components;
 use crate::morton::morton_code;
 use crate::options::{HierarchyOptions, LevelPlan};
 use crate::poisson::Level;
@@ -53,14 +54,15 @@ pub fn poisson_hierarchy(
     progress: &dyn Progress,
 ) -> Result<Hierarchy, Error> {
     options.check()?;
-    let regions = Regions::build(scene, caster, options.seed, progress)?;
+    let components = Components::find(scene.mesh());
+    let regions = Regions::build_on(scene, caster, &components, options.seed, progress)?;
     let sampler = SideSampler::build(scene, |material, is_front| material.reflects.includes(is_front));
     let plan = LevelPlan::make(scene, options, sampler.area(), regions.lit_share())?;
     let mut report = HierarchyReport { warnings: plan.warnings.clone(), ..HierarchyReport::default() };
     let mut candidates = Candidates::new(scene, caster, &regions, &sampler, options.seed);
     let mut levels: Vec<Level> = plan.radii.iter().map(|&r| Level::new(r, plan.expected(r))).collect();
     if regions.n_regions() > 0 {
-        fill(&mut levels, &mut candidates, &plan, options, &mut report, progress)?;
+        fill(&mut levels, (&mut candidates, &components), &plan, options, &mut report, progress)?;
     } else {
         report.warnings.push(Warning::NothingReachable);
         levels.truncate(1);
@@ -85,7 +87,7 @@ pub fn poisson_hierarchy(
 /// Throws candidates on all levels until fresh points find themselves covered.
 fn fill(
     levels: &mut [Level],
-    candidates: &mut Candidates<'_>,
+    (candidates, components): (&mut Candidates<'_>, &Components),
     plan: &LevelPlan,
     options: &HierarchyOptions,
     report: &mut HierarchyReport,
@@ -96,7 +98,7 @@ fn fill(
         let first = candidates.points().len();
         candidates.draw(wanted, progress)?;
         if round == 0 {
-            candidates.draw_on_small_components();
+            candidates.draw_on_small_components(components);
         }
         throw_all(levels, (candidates.points(), first), candidates.caster(), progress)?;
         let fresh = (FRESH_FOR_ONE / options.max_uncovered.max(f64::MIN_POSITIVE)).min(MAX_FRESH as f64) as usize;
