@@ -22,11 +22,11 @@ const N_NEIGHBORS: usize = 5;
 /// The least cosine between the normals of a point and of a neighbour.
 const MIN_NORMAL_COSINE: f32 = 0.2;
 /// Rays of a point that no neighbour answers for.
-const RESCUE_RAYS: u32 = 32;
+const RESCUE_RAYS: u32 = 16;
 /// Of these, so many that end in the dark decide.
-const MAX_DARK_RAYS: u32 = 8;
+const MAX_DARK_RAYS: u32 = 4;
 /// The same for a point whose neighbour is in the dark.
-const DOUBT_RAYS: u32 = 4;
+const DOUBT_RAYS: u32 = 2;
 /// Surfaces that a ray of a point visits, each from the one before, until it comes to one that a neighbour answers for.
 pub(crate) const MAX_STEPS: u32 = 3;
 /// Points located by one task.
