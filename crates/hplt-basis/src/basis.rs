@@ -1,8 +1,12 @@
-use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, parallel};
+use std::sync::OnceLock;
+
+use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, Rgb, parallel};
 use hplt_kdtree::KdTree;
 
+use crate::cells::{LevelCells, MAX_FUNCTIONS};
 use crate::kernel::distance_squared;
 use crate::nearest::NearestIndex;
+use crate::reconstruction::combine;
 use crate::{Kernel, Parents, smoothstep};
 
 /// The shape of the basis functions.
@@ -39,12 +43,37 @@ pub struct Footprint {
     support: f32,
     inverse_support: f32,
     kernel: Kernel,
+    is_smoothstep: bool,
 }
 
 impl Footprint {
     /// The support radius `b`, scene units: beyond this distance every weight is 0.
     pub fn support(&self) -> f32 {
         self.support
+    }
+
+    /// The kernel at this squared distance.
+    #[inline]
+    fn radial_weight(&self, distance_squared: f32) -> f32 {
+        (self.kernel)(distance_squared.sqrt() * self.inverse_support)
+    }
+
+    /// The weights at these squared distances and cosines between normals; 0 where a cosine is 0.
+    #[inline]
+    pub(crate) fn weights<const N: usize>(&self, distances_squared: [f32; N], cosines: [f32; N]) -> [f32; N] {
+        let mut weights = [0.0; N];
+        // The usual kernel inline, so that all are computed at once.
+        if self.is_smoothstep {
+            for k in 0..N {
+                let h = (distances_squared[k].sqrt() * self.inverse_support).min(1.0);
+                weights[k] = (1.0 - h * h * (3.0 - 2.0 * h)) * cosines[k] * cosines[k];
+            }
+        } else {
+            for k in 0..N {
+                weights[k] = self.radial_weight(distances_squared[k]) * cosines[k] * cosines[k];
+            }
+        }
+        weights
     }
 
     /// The unnormalised weight `w_i` at `query` of the function at `point`.
@@ -54,8 +83,7 @@ impl Footprint {
             return 0.0;
         }
         let cosine = query.normal.dot(point.normal);
-        let distance = distance_squared(query.position - point.position, point.normal).sqrt();
-        (self.kernel)(distance * self.inverse_support) * cosine * cosine
+        self.radial_weight(distance_squared(query.position - point.position, point.normal)) * cosine * cosine
     }
 }
 
@@ -77,6 +105,8 @@ pub struct ShepardBasis {
     trees: Vec<KdTree>,
     parents: Vec<Parents>,
     options: BasisOptions,
+    /// One per level that has been read by [`blend`](Self::blend) and is not too large.
+    cells: Vec<OnceLock<LevelCells>>,
     /// One per level, where some levels are not everywhere.
     nearest: Vec<NearestIndex>,
     /// How many of the coarsest levels are refined everywhere.
@@ -87,7 +117,8 @@ impl ShepardBasis {
     /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
     pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
         let trees = hierarchy.levels.iter().map(tree_of).collect();
-        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, nearest: Vec::new(), n_whole: 0 };
+        let cells = hierarchy.levels.iter().map(|_| OnceLock::new()).collect();
+        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, cells, nearest: Vec::new(), n_whole: 0 };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
         if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
             basis.nearest = basis.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
@@ -151,7 +182,9 @@ impl ShepardBasis {
     /// The shape that all functions of a level share, for callers that find the functions themselves.
     pub fn footprint(&self, level: usize) -> Footprint {
         let support = self.support(level);
-        Footprint { support, inverse_support: 1.0 / support, kernel: self.options.kernel }
+        let kernel = self.options.kernel;
+        let is_smoothstep = std::ptr::fn_addr_eq(kernel, smoothstep as Kernel);
+        Footprint { support, inverse_support: 1.0 / support, kernel, is_smoothstep }
     }
 
     /// Replaces `weights` by the basis functions `B_i` of `level` at `query`, which sum to 1, and returns true; or
@@ -165,6 +198,29 @@ impl ShepardBasis {
         let inverse = 1.0 / sum;
         weights.iter_mut().for_each(|w| w.weight *= inverse);
         true
+    }
+
+    /// `Σ B_i α_i` over the functions of `level` at `query`, the `α` being `coefficients`; `None` where no function covers the
+    /// point. The same as summing up [`weights`](Self::weights), but for rounding, in a fraction of the time on levels that are
+    /// read often. `scratch` is for levels too large for that.
+    pub(crate) fn blend(
+        &self,
+        level: usize,
+        query: &OrientedPoint,
+        coefficients: &[Rgb],
+        scratch: &mut Vec<Weight>,
+    ) -> Option<Rgb> {
+        let (footprint, points) = (self.footprint(level), self.points(level));
+        if points.len() > MAX_FUNCTIONS {
+            return self.weights(level, query, scratch).then(|| combine(scratch, coefficients));
+        }
+        let cells = self.cells[level].get_or_init(|| LevelCells::build(points, &footprint));
+        let (mut value, mut sum) = (Rgb::ZERO, 0.0);
+        cells.visit_weights(points, &footprint, query, |function, weight| {
+            value += coefficients[function as usize] * weight;
+            sum += weight;
+        });
+        (sum >= MIN_WEIGHT_SUM).then(|| value * (1.0 / sum))
     }
 
     /// The nearest function of `level` in the region of `query`, exactly: one within sight if there is any, else one on its
@@ -245,6 +301,7 @@ impl ShepardBasis {
         assert_eq!(is_refined.len(), self.n_functions(finest), "one flag per function");
         self.hierarchy.levels[finest].is_refined = is_refined;
         self.trees.push(tree_of(&level));
+        self.cells.push(OnceLock::new());
         if self.nearest.is_empty() {
             self.nearest = self.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
         }
@@ -258,6 +315,7 @@ impl ShepardBasis {
     pub fn truncate(&mut self, n_levels: usize) {
         self.hierarchy.levels.truncate(n_levels);
         self.trees.truncate(n_levels);
+        self.cells.truncate(n_levels);
         self.parents.truncate(n_levels.saturating_sub(1));
         if let Some(finest) = self.hierarchy.levels.last_mut() {
             finest.is_refined = vec![false; finest.points.len()];
@@ -271,7 +329,8 @@ impl ShepardBasis {
         let trees: usize = self.trees.iter().map(KdTree::memory).sum();
         let parents: usize = self.parents.iter().map(Parents::memory).sum();
         let nearest: usize = self.nearest.iter().map(NearestIndex::memory).sum();
-        self.hierarchy.memory() + trees + parents + nearest
+        let cells: usize = self.cells.iter().filter_map(OnceLock::get).map(LevelCells::memory).sum();
+        self.hierarchy.memory() + trees + parents + nearest + cells
     }
 
     fn count_whole(&self) -> usize {

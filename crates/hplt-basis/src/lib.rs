@@ -24,6 +24,7 @@
 struct ReadmeExample;
 
 mod basis;
+mod cells;
 mod coefficients;
 mod coverage;
 mod kernel;

@@ -56,9 +56,9 @@ impl Reconstruction<Absolute> for ExactShepard {
         let mut weights = Vec::new();
         for_each(queries, out, |query, coverage| {
             for level in (0..n_levels).rev() {
-                if basis.weights(level, query, &mut weights) {
+                if let Some(value) = basis.blend(level, query, coefficients.level(level), &mut weights) {
                     coverage.coarser += u64::from(level + 1 < n_levels);
-                    return combine(&weights, coefficients.level(level));
+                    return value;
                 }
             }
             nearest_on_any_level(basis, coefficients, n_levels, query, coverage)
@@ -80,8 +80,8 @@ impl Reconstruction<Delta> for ExactShepard {
             let mut value = Rgb::ZERO;
             let mut finest = None;
             for level in 0..n_levels {
-                if basis.weights(level, query, &mut weights) {
-                    value += combine(&weights, coefficients.level(level));
+                if let Some(of_level) = basis.blend(level, query, coefficients.level(level), &mut weights) {
+                    value += of_level;
                     finest = Some(level);
                 } else if level == 0 {
                     // The base level carries the mean of the field: details alone would be wrong everywhere.
@@ -140,10 +140,32 @@ pub(crate) fn for_each(
 ) -> Coverage {
     assert_eq!(queries.len(), out.len(), "queries and results");
     let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
-    for (query, out) in queries.iter().zip(out) {
-        *out = if query.region == RegionId::DARK { Rgb::ZERO } else { evaluate(query, &mut coverage) };
+    let mut answer = |i: usize| {
+        let query = &queries[i];
+        out[i] = if query.region == RegionId::DARK { Rgb::ZERO } else { evaluate(query, &mut coverage) };
+    };
+    if queries.len() < FEW {
+        (0..queries.len()).for_each(answer);
+    } else {
+        coherent_order(queries).for_each(&mut answer);
     }
     coverage
+}
+
+/// Queries below this number are answered in the order given.
+const FEW: usize = 64;
+
+/// The queries cell by cell of a grid, so that what is read for one is in the nearest cache for the next.
+fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
+    const CELLS_PER_AXIS: f32 = 64.0;
+    let key = |(i, query): (usize, &OrientedPoint)| {
+        // Saturates for what is outside.
+        let [x, y, z] = (0.5 * CELLS_PER_AXIS * (query.position + 1.0)).to_array().map(|c| c as u8);
+        u64::from(u32::from_le_bytes([x, y, z, 0])) << 32 | i as u64
+    };
+    let mut keys: Vec<u64> = queries.iter().enumerate().map(key).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|key| key as u32 as usize)
 }
 
 pub(crate) fn combine(weights: &[Weight], coefficients: &[Rgb]) -> Rgb {

@@ -1,4 +1,5 @@
-//! A median-split kd-tree over points: all within a radius, the nearest, and an approximate nearest in one descent.
+//! A median-split kd-tree over points: all within a radius, the nearest or the few nearest, and an approximate
+//! nearest in one descent.
 //!
 //! The tree is two flat arrays of plain data, [`KdTree::nodes`] (8 bytes each, depth first) and the points in leaf
 //! order with their ids ([`KdTree::points`], [`KdTree::order`]), so that it uploads to a GPU as it is. Every leaf is at
@@ -52,21 +53,25 @@ impl Node {
     }
 
     /// Whether the node holds points.
+    #[inline]
     pub fn is_leaf(self) -> bool {
         self.link & 3 == Self::LEAF
     }
 
     /// The axis that an inner node splits: 0, 1 or 2.
+    #[inline]
     pub fn axis(self) -> usize {
         (self.link & 3) as usize
     }
 
     /// The index of the right child of an inner node.
+    #[inline]
     pub fn right(self) -> usize {
         (self.link >> 2) as usize
     }
 
     /// The points of a leaf, as a range of positions in leaf order.
+    #[inline]
     pub fn range(self) -> std::ops::Range<usize> {
         let first = (self.link >> 2) as usize;
         first..first + self.split as usize
@@ -88,6 +93,7 @@ impl KdTree {
     }
 
     /// Whether there is no point.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }

@@ -50,18 +50,36 @@ impl KdTree {
     /// The nearest point within `max_radius` of `center` (the boundary included) whose id `accept` agrees to, with its
     /// distance²; of equally near ones the one with the lowest id. `accept` is asked only about points that would be
     /// the best so far.
-    pub fn nearest(&self, center: Vec3, max_radius: f32, mut accept: impl FnMut(u32) -> bool) -> Option<(u32, f32)> {
-        if self.is_empty() || max_radius.is_nan() || max_radius < 0.0 {
-            return None;
-        }
+    pub fn nearest(&self, center: Vec3, max_radius: f32, accept: impl FnMut(u32) -> bool) -> Option<(u32, f32)> {
+        let ([nearest], n) = self.few_nearest(center, max_radius, accept);
+        (n == 1).then_some(nearest)
+    }
+
+    /// The `N` nearest points within `max_radius` of `center` (the boundary included) whose ids `accept` agrees to, with
+    /// their distances², nearest first, and how many there are; of equally near ones those with the lowest ids. `accept` is
+    /// asked only about points that would be among the best so far. One traversal; for a small `N`.
+    pub fn few_nearest<const N: usize>(
+        &self,
+        center: Vec3,
+        max_radius: f32,
+        mut accept: impl FnMut(u32) -> bool,
+    ) -> ([(u32, f32); N], usize) {
         // An id that loses every tie, at the largest distance that still counts.
-        let mut best = (u32::MAX, max_radius * max_radius);
+        let mut best = [(u32::MAX, max_radius * max_radius); N];
+        if !(self.is_empty() || N == 0 || max_radius.is_nan() || max_radius < 0.0) {
+            self.search(center, &mut best, &mut accept);
+        }
+        let n = best.iter().take_while(|b| b.0 != u32::MAX).count();
+        (best, n)
+    }
+
+    fn search<const N: usize>(&self, center: Vec3, best: &mut [(u32, f32); N], accept: &mut impl FnMut(u32) -> bool) {
         let mut stack = [Pending { node: 0, offset: Vec3::ZERO }; STACK_SIZE];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let Pending { mut node, offset } = stack[top];
-            if length_squared(offset) > best.1 {
+            if length_squared(offset) > best[N - 1].1 {
                 continue;
             }
             let leaf = loop {
@@ -70,15 +88,14 @@ impl KdTree {
                     break here;
                 }
                 let (near, far, far_offset) = step(here, node, center, offset);
-                if length_squared(far_offset) <= best.1 {
+                if length_squared(far_offset) <= best[N - 1].1 {
                     stack[top] = Pending { node: far, offset: far_offset };
                     top += 1;
                 }
                 node = near;
             };
-            self.improve(leaf, center, &mut best, &mut accept);
+            self.improve(leaf, center, best, accept);
         }
-        (best.0 != u32::MAX).then_some(best)
     }
 
     /// The nearest accepted point of the one leaf that `center` falls into, with its distance²; `None` when that leaf
@@ -92,18 +109,30 @@ impl KdTree {
             }
             node = if center[here.axis()] < here.split { node + 1 } else { here.right() };
         };
-        let mut best = (u32::MAX, f32::INFINITY);
+        let mut best = [(u32::MAX, f32::INFINITY)];
         self.improve(leaf, center, &mut best, &mut accept);
-        (best.0 != u32::MAX).then_some(best)
+        (best[0].0 != u32::MAX).then_some(best[0])
     }
 
-    fn improve(&self, leaf: Node, center: Vec3, best: &mut (u32, f32), accept: &mut impl FnMut(u32) -> bool) {
+    /// Puts the points of a leaf that are among the `N` best into `best`, which stays in order.
+    fn improve<const N: usize>(
+        &self,
+        leaf: Node,
+        center: Vec3,
+        best: &mut [(u32, f32); N],
+        accept: &mut impl FnMut(u32) -> bool,
+    ) {
         let range = leaf.range();
         for (point, &id) in self.points[range.clone()].iter().zip(&self.order[range]) {
             let distance_squared = length_squared(*point - center);
-            let better = distance_squared < best.1 || (distance_squared == best.1 && id < best.0);
-            if better && accept(id) {
-                *best = (id, distance_squared);
+            let is_before = |b: &(u32, f32)| distance_squared < b.1 || (distance_squared == b.1 && id < b.0);
+            if is_before(&best[N - 1]) && accept(id) {
+                let mut i = N - 1;
+                while i > 0 && is_before(&best[i - 1]) {
+                    best[i] = best[i - 1];
+                    i -= 1;
+                }
+                best[i] = (id, distance_squared);
             }
         }
     }

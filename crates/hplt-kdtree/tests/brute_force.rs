@@ -18,6 +18,15 @@ fn brute_nearest(points: &[Vec3], center: Vec3, radius: f32, accept: impl Fn(u32
     found.into_iter().filter(|&(id, _)| accept(id)).min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
 }
 
+/// The four nearest.
+fn brute_few_nearest(points: &[Vec3], center: Vec3, radius: f32, accept: impl Fn(u32) -> bool) -> Vec<(u32, f32)> {
+    let mut found = brute_within(points, center, radius);
+    found.retain(|&(id, _)| accept(id));
+    found.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+    found.truncate(4);
+    found
+}
+
 fn within(tree: &KdTree, center: Vec3, radius: f32) -> Vec<(u32, f32)> {
     let mut found = Vec::new();
     tree.within(center, radius, |id, d| found.push((id, d)));
@@ -59,6 +68,8 @@ proptest! {
         let accept = |id: u32| id.is_multiple_of(modulus);
         for radius in [radius, f32::INFINITY] {
             prop_assert_eq!(tree.nearest(center, radius, accept), brute_nearest(&points, center, radius, accept));
+            let (few, n) = tree.few_nearest::<4>(center, radius, accept);
+            prop_assert_eq!(&few[..n], &brute_few_nearest(&points, center, radius, accept)[..]);
         }
     }
 

@@ -1,8 +1,9 @@
 use hplt_geom::{Extent, Interrupted, OrientedPoint, Progress, RayCaster, RegionId, Scene, parallel};
 
 use crate::Regions;
+use crate::components::Components;
 use crate::random::{Stage, Stream};
-use crate::surface::{Side, SidePoint, SideSampler, point_on, sides_of_small_components};
+use crate::surface::{Side, SidePoint, SideSampler, point_on};
 use crate::visibility::{Oriented, free_height};
 
 /// Candidates drawn by one task.
@@ -66,8 +67,8 @@ impl<'a> Candidates<'a> {
     }
 
     /// Adds one candidate on each side of every component that the uniform ones may have missed.
-    pub(crate) fn draw_on_small_components(&mut self) {
-        let sides = sides_of_small_components(self.scene, self.sampler, self.n_drawn, ENOUGH, usize::MAX);
+    pub(crate) fn draw_on_small_components(&mut self, components: &Components) {
+        let sides = components.small_sides(self.sampler, self.n_drawn, ENOUGH, usize::MAX);
         let source = Source { regions: self.regions, stream: Stream::new(self.seed, Stage::Candidates), dimension: 1 };
         let first = self.points.len();
         self.points.extend(source.draw_on(self.scene, self.caster, &sides));

@@ -3,6 +3,7 @@
 use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, Progress, RayCaster, Scene, parallel};
 
 use crate::candidates::{Candidates, random_points};
+use crate::components::Components;
 use crate::morton::morton_code;
 use crate::options::{HierarchyOptions, LevelPlan};
 use crate::poisson::Level;
@@ -20,6 +21,9 @@ const FRESH_FOR_ONE: f64 = 100.0;
 const FRESH_PER_CANDIDATE: usize = 2;
 /// Times that the candidates grow by half before the rest of the gaps is accepted.
 const MAX_ROUNDS: usize = 8;
+/// A round after which more than this share of the gaps is left is the last: they are slivers, which no number of functions of
+/// this size fills.
+const LEAST_GAIN: f64 = 0.5;
 /// Candidates per point from which areas are counted on a coarse level.
 const AREA_CANDIDATES: usize = 16;
 const STAGE: &str = "placing points";
@@ -39,7 +43,10 @@ pub struct Hierarchy {
 ///
 /// On every level, no two points of a region are nearer than `r` in the metric of
 /// [`rejection_distance_squared`](crate::poisson::rejection_distance_squared), and every candidate is a point or that near
-/// to one. Candidates are uniform in area, with at least one on each side of every connected component. Points carry the
+/// to one: on the finest level all candidates, on each of the others the first ones, some ten per point, and those of small
+/// parts. (With all of them a coarse level would end up with a function for every sliver between two others.) Candidates are
+/// added until no more than `max_uncovered` of the surface is left without a function of the finest level, or until they help
+/// little. They are uniform in area, with at least one on each side of every connected component. Points carry the
 /// area that they stand for (their share of the candidates) and lie along a Morton curve. Runs in parallel; the same bits at
 /// any thread count.
 ///
@@ -53,14 +60,15 @@ pub fn poisson_hierarchy(
     progress: &dyn Progress,
 ) -> Result<Hierarchy, Error> {
     options.check()?;
-    let regions = Regions::build(scene, caster, options.seed, progress)?;
+    let components = Components::find(scene.mesh());
+    let regions = Regions::build_on(scene, caster, &components, options.seed, progress)?;
     let sampler = SideSampler::build(scene, |material, is_front| material.reflects.includes(is_front));
     let plan = LevelPlan::make(scene, options, sampler.area(), regions.lit_share())?;
     let mut report = HierarchyReport { warnings: plan.warnings.clone(), ..HierarchyReport::default() };
     let mut candidates = Candidates::new(scene, caster, &regions, &sampler, options.seed);
     let mut levels: Vec<Level> = plan.radii.iter().map(|&r| Level::new(r, plan.expected(r))).collect();
     if regions.n_regions() > 0 {
-        fill(&mut levels, &mut candidates, &plan, options, &mut report, progress)?;
+        fill(&mut levels, (&mut candidates, &components), &plan, options, &mut report, progress)?;
     } else {
         report.warnings.push(Warning::NothingReachable);
         levels.truncate(1);
@@ -85,56 +93,67 @@ pub fn poisson_hierarchy(
 /// Throws candidates on all levels until fresh points find themselves covered.
 fn fill(
     levels: &mut [Level],
-    candidates: &mut Candidates<'_>,
+    (candidates, components): (&mut Candidates<'_>, &Components),
     plan: &LevelPlan,
     options: &HierarchyOptions,
     report: &mut HierarchyReport,
     progress: &dyn Progress,
 ) -> Result<(), Error> {
     let mut wanted = plan.n_candidates;
+    let mut before = f64::INFINITY;
     for round in 0..MAX_ROUNDS {
         let first = candidates.points().len();
         candidates.draw(wanted, progress)?;
         if round == 0 {
-            candidates.draw_on_small_components();
+            candidates.draw_on_small_components(components);
         }
-        throw_all(levels, (candidates.points(), first), candidates.caster(), progress)?;
+        throw_all(levels, (candidates, first), plan, progress)?;
         let fresh = (FRESH_FOR_ONE / options.max_uncovered.max(f64::MIN_POSITIVE)).min(MAX_FRESH as f64) as usize;
         report.uncovered_fraction = uncovered_fraction(levels, candidates, fresh, round as u32);
         if report.uncovered_fraction <= options.max_uncovered {
             return Ok(());
         }
+        if report.uncovered_fraction > LEAST_GAIN * before {
+            break;
+        }
+        before = report.uncovered_fraction;
         wanted = candidates.points().len() / 2;
     }
     report.warnings.push(Warning::Uncovered { fraction: report.uncovered_fraction });
     Ok(())
 }
 
-/// Offers the candidates from `first` on to every level, in batches that double.
+/// Offers the candidates from `first` on to the levels, in batches that double: to the finest all, to the others as many as
+/// they need.
 fn throw_all(
     levels: &mut [Level],
-    (candidates, first): (&[OrientedPoint], usize),
-    caster: &dyn RayCaster,
+    (candidates, first): (&Candidates<'_>, usize),
+    plan: &LevelPlan,
     progress: &dyn Progress,
 ) -> Result<(), Error> {
+    let (points, caster) = (candidates.points(), candidates.caster());
     let mut start = first;
     let mut batches = Vec::new();
-    while start < candidates.len() {
-        let end = (2 * start).max(1024).min(candidates.len());
-        batches.push(coherent_order(candidates, start, end));
+    while start < points.len() {
+        let end = (2 * start).max(1024).min(points.len());
+        batches.push(coherent_order(points, start, end));
         start = end;
     }
+    let finest = levels.len() - 1;
     let cells: Vec<std::sync::Mutex<&mut Level>> = levels.iter_mut().map(std::sync::Mutex::new).collect();
     parallel::try_map(
         cells.len(),
         || (),
         |(), i| {
             // The finest level takes longest, so it starts first. Nobody else locks it.
-            let mut level = cells[cells.len() - 1 - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut level = cells[finest - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let (radius, support) = (level.radius(), 2.0 * level.radius());
+            let n_needed = if i == 0 { usize::MAX } else { plan.n_needed(radius) };
+            let is_needed = |k: &u32| (*k as usize) < n_needed || !candidates.is_uniform(*k as usize);
             for batch in &batches {
                 progress.check()?;
-                let support = 2.0 * level.radius();
-                level.throw(candidates, batch, |point| extent_of(caster, point, support));
+                let batch: Vec<u32> = batch.iter().copied().filter(is_needed).collect();
+                level.throw(points, &batch, |point| extent_of(caster, point, support));
             }
             level.settle();
             progress.advance(STAGE, i as u64 + 1, cells.len() as u64);

@@ -14,6 +14,7 @@
 struct Readme;
 
 mod candidates;
+mod components;
 mod error;
 mod hierarchy;
 mod morton;

@@ -12,6 +12,8 @@ const MIN_RADIUS: f64 = 1.0 / 65_536.0;
 /// Ids of candidates must fit 32 bits with room to spare.
 const MAX_POINTS: u64 = 1 << 28;
 const MIN_CANDIDATES: usize = 4096;
+/// Candidates per expected point on levels that are not the finest.
+const CANDIDATES_PER_COARSE_POINT: usize = 16;
 
 /// A Poisson radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,12 +38,12 @@ pub struct HierarchyOptions {
     /// Reachable candidates per expected point of the finest level, before gaps are looked for.
     pub candidates_per_point: f64,
     /// The share of fresh random points that may lie outside all functions of the finest level (support `2r`); candidates
-    /// are added until it is met.
+    /// are added until it is met, or as long as they help.
     pub max_uncovered: f64,
 }
 
 impl HierarchyOptions {
-    /// The published parameters: 6 levels from 8.5 % of the diagonal.
+    /// The published parameters: 6 levels from 8.5 % of the diagonal. A thousandth may be left uncovered.
     pub fn slides() -> Self {
         Self {
             seed: 0,
@@ -49,7 +51,7 @@ impl HierarchyOptions {
             coarsest_radius: Radius::Fraction(0.085),
             max_points: 20_000_000,
             candidates_per_point: 5.0,
-            max_uncovered: 1e-4,
+            max_uncovered: 1e-3,
         }
     }
 
@@ -127,6 +129,11 @@ impl LevelPlan {
         let finest = plan.radii.last().map_or(0, |&r| plan.expected(r)) as f64;
         plan.n_candidates = ((finest * options.candidates_per_point.clamp(1.0, 1e3)) as usize).max(MIN_CANDIDATES);
         Ok(plan)
+    }
+
+    /// Candidates that a level of this radius needs, where a finer one decides how many there are.
+    pub(crate) fn n_needed(&self, radius: f32) -> usize {
+        (CANDIDATES_PER_COARSE_POINT * self.expected(radius)).max(MIN_CANDIDATES)
     }
 
     /// The number of points that a level of this radius will have, about.

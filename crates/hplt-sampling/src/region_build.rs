@@ -3,11 +3,12 @@ use hplt_geom::{
     Interrupted, LightShape, Progress, Ray, RayCaster, RegionId, Scene, SurfacePoint, offset_origin, parallel,
 };
 
+use crate::components::Components;
 use crate::morton::morton_code;
 use crate::random::{Stage, Stream};
-use crate::regions::{Anchors, Regions, look, oriented};
+use crate::regions::{Anchors, MAX_STEPS, Regions, SLOPES, look, oriented, sees};
 use crate::sobol::sobol_2d;
-use crate::surface::{SidePoint, SideSampler, point_on, sides_of_small_components};
+use crate::surface::{SidePoint, SideSampler, point_on};
 use crate::union_find::UnionFind;
 use crate::visibility::Oriented;
 use crate::warp::{cosine_hemisphere, uniform_cone};
@@ -17,9 +18,12 @@ const MAX_ANCHORS: usize = 64 << 10;
 /// Anchors on components that uniform sampling would miss, at most.
 const MAX_EXTRA: usize = 64 << 10;
 /// Rays of every anchor, in rounds. From the second round on the largest component is left out,
-const RAYS: [u32; 4] = [4, 12, 16, 64];
-/// and so are those of more anchors than this: the smaller, the likelier they only miss a link.
-const LARGEST_COMPONENT: [u32; 4] = [u32::MAX, u32::MAX, 4096, 64];
+const RAYS: [u32; 3] = [4, 12, 32];
+/// and the others cast together no more than this in a round: what less than a thousandth of them sees brings no light
+/// worth the name.
+const COMPONENT_RAYS: u32 = 1024;
+/// Neighbours that are tried first.
+const NEAREST_NEIGHBORS: usize = 2;
 /// Rays from all emissive surfaces together, and from each light without a surface.
 const EMISSION_RAYS: u32 = 8 << 10;
 const LIGHT_RAYS: u32 = 4096;
@@ -38,11 +42,22 @@ impl Regions {
         seed: u64,
         progress: &dyn Progress,
     ) -> Result<Self, Interrupted> {
-        let mut builder = Builder::new(scene, caster, seed);
-        for (round, n_rays) in RAYS.into_iter().enumerate() {
+        Self::build_on(scene, caster, &Components::find(scene.mesh()), seed, progress)
+    }
+
+    /// As [`build`](Self::build), the components of the mesh being known.
+    pub(crate) fn build_on(
+        scene: &Scene,
+        caster: &dyn RayCaster,
+        components: &Components,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Self, Interrupted> {
+        let mut builder = Builder::new(scene, caster, components, seed);
+        for round in 0..RAYS.len() {
             progress.check()?;
             progress.advance(STAGE, round as u64, RAYS.len() as u64);
-            builder.probe(round as u32, n_rays);
+            builder.probe(round as u32);
             if round == 0 {
                 builder.light();
             }
@@ -77,12 +92,12 @@ struct Found {
 }
 
 impl<'a> Builder<'a> {
-    fn new(scene: &'a Scene, caster: &'a dyn RayCaster, seed: u64) -> Self {
+    fn new(scene: &'a Scene, caster: &'a dyn RayCaster, components: &Components, seed: u64) -> Self {
         let sampler = SideSampler::build(scene, |m, front| {
             m.reflects.includes(front) || m.is_emissive() && m.emits.includes(front)
         });
-        let n = (MIN_ANCHORS + scene.mesh().n_triangles() / 8).min(MAX_ANCHORS);
-        let (points, n_uniform) = draw_anchors(scene, caster, &sampler, n, seed);
+        let n = (MIN_ANCHORS + scene.mesh().n_triangles() / 32).min(MAX_ANCHORS);
+        let (points, n_uniform) = draw_anchors(scene, caster, (&sampler, components), n, seed);
         // Several times the mean distance between uniform points.
         let reach = 8.0 * (sampler.area() / n as f64).sqrt() as f32;
         let positions: Vec<Oriented> =
@@ -105,43 +120,58 @@ impl<'a> Builder<'a> {
         builder
     }
 
-    /// Joins the points from `first` on to their neighbours.
+    /// Joins the points from `first` on to their neighbours. Paths between points that are known to be connected are not
+    /// looked for: they would change nothing.
     fn join_neighbors(&mut self, first: usize) {
         let n = self.points.len() - first;
-        let joined = parallel::map(n, || (), |(), i| self.anchors.joined_neighbors(self.caster, (first + i) as u32));
-        for (i, others) in joined.iter().enumerate() {
-            others.iter().for_each(|&other| self.sets.union((first + i) as u32, other));
+        let anchors = &self.anchors;
+        let pairs_of = |i: u32| anchors.neighbors_of(i).map(move |other| (i, other)).collect::<Vec<_>>();
+        let pairs = parallel::map(n, || (), |(), i| pairs_of((first + i) as u32));
+        // The nearest ones first, which leave little to do.
+        let (nearest, farther): (Vec<_>, Vec<_>) =
+            pairs.iter().map(|pairs| pairs.split_at(pairs.len().min(NEAREST_NEIGHBORS))).unzip();
+        let (nearest, farther) = (nearest.concat(), farther.concat());
+        for (slope, pairs) in [(0, &nearest), (0, &farther)] {
+            self.join_pairs(pairs, slope);
         }
-        self.n_rays += 8 * n as u64;
+        for slope in 1..SLOPES.len() {
+            self.join_pairs(&[&nearest[..], &farther[..]].concat(), slope);
+        }
     }
 
-    /// Casts rays from the points whose turn it is (see [`RAYS`]), and joins each to what it sees. Points seen where there is no anchor become anchors.
-    fn probe(&mut self, round: u32, n_rays: u32) {
+    /// Looks for paths between the pairs that are not connected yet.
+    fn join_pairs(&mut self, pairs: &[(u32, u32)], slope: usize) {
+        let open: Vec<_> = pairs.iter().copied().filter(|&(a, b)| self.sets.find(a) != self.sets.find(b)).collect();
+        let joined = parallel::map(open.len(), || (), |(), k| self.anchors.are_joined(self.caster, open[k], slope));
+        for (&(a, b), _) in open.iter().zip(&joined).filter(|(_, joined)| **joined) {
+            self.sets.union(a, b);
+        }
+        self.n_rays += 2 * open.len() as u64;
+    }
+
+    /// Casts rays from the points whose turn it is (see [`RAYS`]), and joins each to what it sees. Points seen where there is
+    /// no anchor become anchors.
+    fn probe(&mut self, round: u32) {
         let chosen = self.choose(round);
+        let roots: Vec<u32> = (0..self.points.len() as u32).map(|i| self.sets.find(i)).collect();
         let stream = Stream::new(self.seed, Stage::Regions);
         let found = parallel::map(
             chosen.len(),
             || (),
             |(), k| {
-                let i = chosen[k];
+                let (i, n_rays) = chosen[k];
                 let scramble = stream.word(i, round + 1, 0);
                 let mut found = Found::default();
                 for ray in 0..n_rays {
-                    match look(self.scene, self.caster, self.points[i as usize], sobol_2d(ray, scramble, 0).into()) {
-                        None => found.sees_sky = true,
-                        Some(seen) => match self.anchors.join(self.caster, seen, [2, 2, 1]) {
-                            Some(other) => found.joined.push(other),
-                            None => found.unknown.push(seen),
-                        },
-                    }
+                    self.look_around(i, [ray, scramble], &roots, &mut found);
                 }
                 found
             },
         );
-        self.n_rays += 4 * u64::from(n_rays) * chosen.len() as u64;
+        self.n_rays += chosen.iter().map(|&(_, n_rays)| 2 * u64::from(n_rays)).sum::<u64>();
         let n_before = self.points.len();
-        let limit = n_before + MAX_ANCHORS / 4;
-        for (&i, found) in chosen.iter().zip(&found) {
+        let limit = n_before + n_before / 4;
+        for (&(i, _), found) in chosen.iter().zip(&found) {
             found.joined.iter().for_each(|&other| self.sets.union(i, other));
             self.sees_sky[i as usize] |= found.sees_sky;
             for &seen in &found.unknown {
@@ -154,18 +184,47 @@ impl<'a> Builder<'a> {
         self.accept_new(n_before);
     }
 
-    fn choose(&mut self, round: u32) -> Vec<u32> {
+    /// Notes what anchor `i` is joined to by its ray `k`.
+    fn look_around(&self, i: u32, [k, scramble]: [u32; 2], roots: &[u32], found: &mut Found) {
+        let mut here = self.points[i as usize];
+        let mut first = None;
+        for step in 0..MAX_STEPS {
+            let Some(seen) = look(self.scene, self.caster, here, sobol_2d(k, scramble, step).into()) else {
+                found.sees_sky = true;
+                return;
+            };
+            let guess = self.anchors.guess(seen);
+            // Most rays stay where they are known to be: a path from there on would tell nothing.
+            if guess.is_some_and(|guess| roots[guess as usize] == roots[i as usize]) {
+                return;
+            }
+            if !sees(self.caster, seen, here) {
+                break;
+            }
+            if let Some(other) = self.anchors.join_guessing(self.caster, seen, guess, [2, 1, 0]) {
+                found.joined.push(other);
+                return;
+            }
+            first.get_or_insert(seen);
+            here = seen;
+        }
+        found.unknown.extend(first);
+    }
+
+    /// The points whose turn it is, and their numbers of rays.
+    fn choose(&mut self, round: u32) -> Vec<(u32, u32)> {
         let n = self.points.len() as u32;
+        let n_rays = RAYS[round as usize];
         if round == 0 {
-            return (0..n).collect();
+            return (0..n).map(|i| (i, n_rays)).collect();
         }
         self.join_sky();
         let mut sizes = vec![0u32; n as usize];
         (0..n).for_each(|i| sizes[self.sets.find(i) as usize] += 1);
         let largest = (0..n).max_by_key(|&i| (sizes[i as usize], n - i));
-        let most = LARGEST_COMPONENT[round as usize];
-        let is_chosen = |root: u32| Some(root) != largest && sizes[root as usize] <= most;
-        (0..n).filter(|&i| is_chosen(self.sets.find(i))).collect()
+        let rays_of =
+            |root: u32| if Some(root) == largest { 0 } else { n_rays.min(COMPONENT_RAYS / sizes[root as usize]) };
+        (0..n).map(|i| (i, rays_of(self.sets.find(i)))).filter(|&(_, n_rays)| n_rays > 0).collect()
     }
 
     fn push(&mut self, point: Oriented) -> u32 {
@@ -265,12 +324,12 @@ impl<'a> Builder<'a> {
 fn draw_anchors(
     scene: &Scene,
     caster: &dyn RayCaster,
-    sampler: &SideSampler,
+    (sampler, components): (&SideSampler, &Components),
     n: usize,
     seed: u64,
 ) -> (Vec<SidePoint>, usize) {
     let stream = Stream::new(seed, Stage::Regions);
-    let extra = sides_of_small_components(scene, sampler, n, 4.0, MAX_EXTRA);
+    let extra = components.small_sides(sampler, n, 4.0, MAX_EXTRA);
     let exposed = |point: Option<SidePoint>| point.filter(|p| p.is_exposed(caster));
     let mut points: Vec<SidePoint> =
         parallel::map(n, || (), |(), i| exposed(sampler.sample(scene, stream.words(i as u32, 0, 0))))

@@ -14,15 +14,21 @@ use crate::visibility::{Oriented, is_joined};
 use crate::warp::cosine_hemisphere;
 
 /// Heights of paths over their lengths, tried in turn: over convex surfaces, and under low ceilings.
-const SLOPES: [f32; 3] = [0.25, 0.03, 0.004];
+pub(crate) const SLOPES: [f32; 3] = [0.25, 0.03, 0.004];
 /// Neighbours tried at each slope.
 const NEIGHBORS: [usize; 3] = [3, 2, 2];
+/// Points that an anchor may be joined to without more rays than those of the paths, itself included.
+const N_NEIGHBORS: usize = 5;
 /// The least cosine between the normals of a point and of a neighbour.
 const MIN_NORMAL_COSINE: f32 = 0.2;
 /// Rays of a point that no neighbour answers for.
-const RESCUE_RAYS: u32 = 32;
-/// Rays of a point whose neighbour is in the dark.
-const DOUBT_RAYS: u32 = 4;
+const RESCUE_RAYS: u32 = 16;
+/// Of these, so many that end in the dark decide.
+const MAX_DARK_RAYS: u32 = 4;
+/// The same for a point whose neighbour is in the dark.
+const DOUBT_RAYS: u32 = 2;
+/// Surfaces that a ray of a point visits, each from the one before, until it comes to one that a neighbour answers for.
+pub(crate) const MAX_STEPS: u32 = 3;
 /// Points located by one task.
 const CHUNK: usize = 256;
 
@@ -85,26 +91,56 @@ impl Regions {
     }
 
     pub(crate) fn locate_one(&self, scene: &Scene, caster: &dyn RayCaster, point: Oriented) -> RegionId {
-        let mut n_rays = RESCUE_RAYS;
+        let mut n_doubts = MAX_DARK_RAYS;
         if let Some(anchor) = self.anchors.join(caster, point, NEIGHBORS) {
             if self.labels[anchor as usize] != RegionId::DARK {
                 return self.labels[anchor as usize];
             }
             // Through a crack a lit point, too, finds one in the dark. It is lit if anything else that it sees is.
-            n_rays = DOUBT_RAYS;
+            n_doubts = DOUBT_RAYS;
         }
         let bits = point.position.to_array().map(f32::to_bits);
         let scramble = Stream::new(self.seed, Stage::Probe).word(bits[0], bits[1], bits[2]);
-        for k in 0..n_rays {
-            let label = match look(scene, caster, point, sobol_2d(k, scramble, 0).into()) {
-                None => self.sky,
-                Some(seen) => self.anchors.join(caster, seen, NEIGHBORS).map(|anchor| self.labels[anchor as usize]),
-            };
-            if let Some(label) = label.filter(|&label| label != RegionId::DARK) {
-                return label;
+        for k in 0..RESCUE_RAYS {
+            match self.walk(scene, caster, point, [k, scramble]) {
+                Some(RegionId::DARK) => {
+                    n_doubts -= 1;
+                    if n_doubts == 0 {
+                        break;
+                    }
+                }
+                Some(label) => return label,
+                None => {}
             }
         }
         RegionId::DARK
+    }
+
+    /// Goes with ray `k` of the sequence `scramble` from `point` to what it sees, and on from there, until it comes to where an
+    /// anchor is joined or leaves the scene. The region there, if known.
+    fn walk(
+        &self,
+        scene: &Scene,
+        caster: &dyn RayCaster,
+        point: Oriented,
+        [k, scramble]: [u32; 2],
+    ) -> Option<RegionId> {
+        let mut here = point;
+        for step in 0..MAX_STEPS {
+            let Some(seen) = look(scene, caster, here, sobol_2d(k, scramble, step).into()) else { return self.sky };
+            let label = self.anchors.join(caster, seen, NEIGHBORS).map(|anchor| self.labels[anchor as usize]);
+            if label == Some(RegionId::DARK) {
+                return label;
+            }
+            if !sees(caster, seen, here) {
+                return None;
+            }
+            if label.is_some() {
+                return label;
+            }
+            here = seen;
+        }
+        None
     }
 }
 
@@ -114,6 +150,13 @@ pub(crate) fn look(scene: &Scene, caster: &dyn RayCaster, point: Oriented, u: [f
     let origin = offset_origin(point.position, point.normal);
     let hit = caster.nearest(hplt_geom::Ray::new(origin, direction));
     (!hit.is_miss()).then(|| oriented(&scene.surface_at(&hit)))
+}
+
+/// Whether `a` sees `b`. Not so for a point met so close to where two surfaces cross that rounding put it on the other side of
+/// one, from where a walk would go on in another room.
+pub(crate) fn sees(caster: &dyn RayCaster, a: Oriented, b: Oriented) -> bool {
+    let above = |p: Oriented| offset_origin(p.position, p.normal);
+    !caster.is_occluded(hplt_geom::Ray::segment(above(a), above(b)))
 }
 
 pub(crate) fn oriented(point: &SurfacePoint) -> Oriented {
@@ -147,40 +190,55 @@ impl Anchors {
 
     /// Up to `N` nearest points within reach whose normals agree with `point`'s, nearest first.
     pub(crate) fn neighbors<const N: usize>(&self, point: Oriented) -> ([u32; N], usize) {
-        let (mut found, mut n) = ([u32::MAX; N], 0);
-        while n < N {
-            let accept =
-                |id: u32| !found[..n].contains(&id) && self.normals[id as usize].dot(point.normal) > MIN_NORMAL_COSINE;
-            let Some((id, _)) = self.tree.nearest(point.position, self.reach, accept) else { break };
-            found[n] = id;
-            n += 1;
-        }
-        (found, n)
+        let (found, n) = self.tree.few_nearest(point.position, self.reach, self.agreement_with(point));
+        (found.map(|(id, _)| id), n)
+    }
+
+    fn agreement_with(&self, point: Oriented) -> impl Fn(u32) -> bool {
+        move |id| self.normals[id as usize].dot(point.normal) > MIN_NORMAL_COSINE
+    }
+
+    /// A point near `point` that one descent finds, which is most often one that it is joined to.
+    pub(crate) fn guess(&self, point: Oriented) -> Option<u32> {
+        let nearby = self.tree.approximate_nearest(point.position, self.agreement_with(point));
+        nearby.filter(|&(_, distance_squared)| distance_squared <= self.reach * self.reach).map(|(id, _)| id)
     }
 
     /// A neighbour of `point` with a visible path to it: one that is found at once, or else the first of the nearest,
     /// trying `counts[i]` of them at slope `i`.
     pub(crate) fn join(&self, caster: &dyn RayCaster, point: Oriented, counts: [usize; 3]) -> Option<u32> {
         // Any point nearby will do, and one descent nearly always finds one.
-        let agrees = |id: u32| self.normals[id as usize].dot(point.normal) > MIN_NORMAL_COSINE;
-        let nearby = self.tree.approximate_nearest(point.position, agrees);
-        if let Some((id, distance_squared)) = nearby
-            && distance_squared <= self.reach * self.reach
+        let guess = self.guess(point);
+        self.join_guessing(caster, point, guess, counts)
+    }
+
+    /// As [`join`](Self::join), with the [`guess`](Self::guess) at hand.
+    pub(crate) fn join_guessing(
+        &self,
+        caster: &dyn RayCaster,
+        point: Oriented,
+        guess: Option<u32>,
+        counts: [usize; 3],
+    ) -> Option<u32> {
+        if let Some(id) = guess
             && is_joined(caster, point, self.get(id), SLOPES[0])
         {
             return Some(id);
         }
         let (neighbors, n) = self.neighbors::<3>(point);
-        let mut all = (0..SLOPES.len()).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id)));
-        all.find(|&(s, id)| is_joined(caster, point, self.get(id), SLOPES[s])).map(|(_, id)| id)
+        let all = (0..SLOPES.len()).flat_map(|s| neighbors[..n.min(counts[s])].iter().map(move |&id| (s, id)));
+        let mut untried = all.filter(|&(s, id)| s > 0 || Some(id) != guess);
+        untried.find(|&(s, id)| is_joined(caster, point, self.get(id), SLOPES[s])).map(|(_, id)| id)
     }
 
-    /// All of the nearest neighbours with a visible path to point `i`, itself excluded.
-    pub(crate) fn joined_neighbors(&self, caster: &dyn RayCaster, i: u32) -> Vec<u32> {
-        let point = self.get(i);
-        let (neighbors, n) = self.neighbors::<5>(point);
-        let others = neighbors[..n].iter().copied().filter(|&id| id != i);
-        let is_joined = |&id: &u32| SLOPES.iter().any(|&slope| is_joined(caster, point, self.get(id), slope));
-        others.filter(is_joined).collect()
+    /// The nearest neighbours of point `i`, itself excluded.
+    pub(crate) fn neighbors_of(&self, i: u32) -> impl Iterator<Item = u32> {
+        let (neighbors, n) = self.neighbors::<N_NEIGHBORS>(self.get(i));
+        neighbors.into_iter().take(n).filter(move |&id| id != i)
+    }
+
+    /// Whether there is a visible path between points `i` and `other`, at the slope with this number.
+    pub(crate) fn are_joined(&self, caster: &dyn RayCaster, (i, other): (u32, u32), slope: usize) -> bool {
+        is_joined(caster, self.get(i), self.get(other), SLOPES[slope])
     }
 }

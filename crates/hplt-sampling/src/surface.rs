@@ -1,12 +1,9 @@
 //! Uniform points on the sides of the surfaces of a scene.
 
-use std::collections::HashMap;
-
 use glam::{Vec2, Vec3};
-use hplt_geom::{Material, Mesh, Ray, RayCaster, Scene, TriangleId, offset_origin};
+use hplt_geom::{Material, Ray, RayCaster, Scene, TriangleId, offset_origin, parallel};
 
 use crate::random::{unit_f32, unit_f64};
-use crate::union_find::UnionFind;
 use crate::warp::uniform_triangle;
 
 /// A point on one side of a triangle.
@@ -45,10 +42,11 @@ impl SideSampler {
         let mesh = scene.mesh();
         let of_material: Vec<[bool; 2]> =
             scene.materials().iter().map(|m| [includes(m, true), includes(m, false)]).collect();
+        let areas = parallel::map(mesh.n_triangles(), || (), |(), i| mesh.area(TriangleId(i as u32)));
         let (mut sides, mut cumulative, mut total) = (Vec::new(), Vec::new(), 0.0);
         for triangle in (0..mesh.n_triangles() as u32).map(TriangleId) {
             let [front, back] = of_material[mesh.material(triangle).0 as usize];
-            let area = mesh.area(triangle);
+            let area = areas[triangle.index()];
             for is_front in [front.then_some(true), back.then_some(false)].into_iter().flatten() {
                 total += area;
                 sides.push(Side { triangle, is_front });
@@ -124,61 +122,4 @@ impl SidePoint {
         let hit = caster.nearest(Ray { origin: above, direction: -self.normal, t_max: 2.0 * height });
         hit.is_miss() || hit.triangle == self.triangle || (hit.t >= 0.5 * height && hit.is_front == self.is_front)
     }
-}
-
-/// For every triangle the number of its connected component (triangles that share a vertex position), and how many
-/// components there are.
-pub(crate) fn components(mesh: &Mesh) -> (Vec<u32>, usize) {
-    let mut welded = HashMap::with_capacity(mesh.positions().len());
-    let mut vertices = UnionFind::new(mesh.positions().len());
-    for (i, p) in mesh.positions().iter().enumerate() {
-        // Adding zero makes -0 and 0 one key.
-        let first = *welded.entry((*p + Vec3::ZERO).to_array().map(f32::to_bits)).or_insert(i as u32);
-        vertices.union(first, i as u32);
-    }
-    for &[a, b, c] in mesh.triangles() {
-        vertices.union(a, b);
-        vertices.union(a, c);
-    }
-    let mut numbers = vec![u32::MAX; mesh.positions().len()];
-    let mut n = 0;
-    let component_of = mesh
-        .triangles()
-        .iter()
-        .map(|t| {
-            let number = &mut numbers[vertices.find(t[0]) as usize];
-            if *number == u32::MAX {
-                *number = n;
-                n += 1;
-            }
-            *number
-        })
-        .collect();
-    (component_of, n as usize)
-}
-
-/// The sides to put an extra point on so that no part of the scene stays without: on each component that expects fewer
-/// than `enough` of `n_points` uniform points, the largest front side and the largest back side. At most `limit`.
-pub(crate) fn sides_of_small_components(
-    scene: &Scene,
-    sampler: &SideSampler,
-    n_points: usize,
-    enough: f64,
-    limit: usize,
-) -> Vec<Side> {
-    let (component_of, n_components) = components(scene.mesh());
-    let mut areas = vec![[0.0f64; 2]; n_components];
-    let mut largest = vec![[(0.0f64, usize::MAX); 2]; n_components];
-    for (i, side) in sampler.sides().iter().enumerate() {
-        let component = component_of[side.triangle.index()] as usize;
-        let (face, area) = (usize::from(side.is_front), sampler.area_of(i));
-        areas[component][face] += area;
-        if area > largest[component][face].0 || largest[component][face].1 == usize::MAX {
-            largest[component][face] = (area, i);
-        }
-    }
-    let needed = enough * sampler.area() / n_points.max(1) as f64;
-    let both = areas.iter().flatten().zip(largest.iter().flatten());
-    let small = both.filter(|&(&area, &(_, side))| side != usize::MAX && area < needed);
-    small.map(|(_, &(_, side))| sampler.sides()[side]).take(limit).collect()
 }

@@ -67,6 +67,10 @@ pub(crate) fn is_joined(caster: &dyn RayCaster, a: Oriented, b: Oriented, slope:
     let up = (a.normal + b.normal).normalize_or_zero();
     let height = slope * (a.position - b.position).length() + CLEARANCE;
     let apex = 0.5 * (a.position + b.position) + up * height;
-    let is_clear = |from: Oriented| !caster.is_occluded(Ray::segment(offset_origin(from.position, from.normal), apex));
+    // A little beyond the apex, which may by chance lie exactly on a surface.
+    let is_clear = |from: Oriented| {
+        let leg = Ray::segment(offset_origin(from.position, from.normal), apex);
+        !caster.is_occluded(Ray { t_max: 1.0 + 1.0 / 1024.0, ..leg })
+    };
     is_clear(a) && is_clear(b)
 }
