@@ -16,6 +16,9 @@ use crate::{Gradients, Model};
 const LEAST_FUNCTIONS: usize = 3;
 /// Functions that differ by less than this of their mean agree.
 const AGREEMENT: f32 = 0.03;
+/// Free height over a query, in supports of the functions there, below which they are too coarse for it: light in a slit changes
+/// over distances like its height.
+const SLIT: f32 = 0.3;
 /// Share of the weights at least that must be in sight.
 const LEAST_SHARE: f32 = 0.5;
 
@@ -41,7 +44,7 @@ pub struct Reading {
     /// Irradiance, W/m².
     pub irradiance: Rgb,
     /// The weighted standard deviation of luminance between the functions that answered, W/m². Infinite where next to none were
-    /// in sight: then the value is a guess.
+    /// in sight, and in slits too narrow for them: then the value is a guess.
     pub spread: f32,
 }
 
@@ -152,6 +155,9 @@ fn read_levels_in_sight(
         is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
     };
     let first = expansion.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
+    if first.is_some_and(|w| query.extent.free_height() < SLIT * basis.support(basis.level_of(w.function).0)) {
+        return guess(all);
+    }
     let spread = spread_of(expansion, all, 1.0);
     // Where all agree, one that is in sight is as good as all.
     if expansion.len() >= LEAST_FUNCTIONS && spread <= AGREEMENT * luminance(all) && first.is_some_and(sees) {
