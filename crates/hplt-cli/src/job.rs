@@ -19,7 +19,7 @@ use crate::load::LoadedScene;
 use crate::progress::Reporter;
 use crate::report::{LevelRow, RunReport};
 use crate::scene_hash::scene_hash;
-use crate::sections::Variant;
+use crate::sections::{Preset, Variant};
 use crate::settings::Settings;
 use crate::values::{Radius, human_bytes};
 
@@ -318,6 +318,10 @@ impl<'r> Run<'r> {
 
 /// How points are placed.
 pub fn hierarchy_options(settings: &Settings) -> HierarchyOptions {
+    let preset = match settings.config.solve.preset {
+        Some(Preset::Slides) => HierarchyOptions::slides(),
+        _ => HierarchyOptions::production(),
+    };
     HierarchyOptions {
         seed: settings.transport.seed,
         n_levels: settings.levels,
@@ -325,7 +329,7 @@ pub fn hierarchy_options(settings: &Settings) -> HierarchyOptions {
             Radius::World(length) => hplt_sampling::Radius::World(length),
             Radius::OfDiagonal(fraction) => hplt_sampling::Radius::Fraction(fraction),
         },
-        ..HierarchyOptions::production()
+        ..preset
     }
 }
 

@@ -58,12 +58,12 @@ impl HierarchyOptions {
 
     /// One level less: a quarter of the points.
     pub fn preview() -> Self {
-        Self { n_levels: 5, ..Self::slides() }
+        Self { n_levels: 5, ..Self::production() }
     }
 
-    /// As [`HierarchyOptions::slides`].
+    /// As [`HierarchyOptions::slides`], with a ten-thousandth left uncovered at most.
     pub fn production() -> Self {
-        Self::slides()
+        Self { max_uncovered: 1e-4, ..Self::slides() }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
