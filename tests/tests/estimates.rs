@@ -27,8 +27,20 @@ fn read(prepared: &Prepared, linked: &Linked, points: &[OrientedPoint], seed: u6
     [direct, indirect]
 }
 
+/// Random points that interpolation can be trusted at; the others are gathered by whoever asks for them.
+fn trusted_points(prepared: &Prepared, linked: &Linked, n: usize, seed: u64) -> Vec<OrientedPoint> {
+    let mut points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, n, seed);
+    let model = Model { basis: &linked.basis, ..prepared.model() };
+    let mut buffers = ReadBuffers::default();
+    points.retain(|p| {
+        let reading = read_in_sight(&model, (&linked.indirect, None), p, &mut buffers);
+        !reading.is_doubtful(0.3, luminance(reading.irradiance))
+    });
+    points
+}
+
 fn judged_by_itself(prepared: &Prepared, linked: &Linked, (n, n_rays, seed): (usize, u32, u64)) -> ErrorEstimate {
-    let points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, n, seed);
+    let points = trusted_points(prepared, linked, n, seed);
     let [direct, indirect] = read(prepared, linked, &points, seed);
     let model = Model { basis: &linked.basis, ..prepared.model() };
     let reconstruction = LayeredNearestInSight { caster: model.caster };
@@ -63,7 +75,7 @@ fn the_bound_holds_in_95_of_100_seeds() {
         let prepared = Prepared::new(scene.clone(), setup);
         let linked = prepared.link(&LinkOptions { seed, n_rays: 64, n_levels: 1, ..LinkOptions::production() });
         let estimate = judged_by_itself(&prepared, &linked, (128, 256, seed));
-        let points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, 128, 1000 + seed);
+        let points = trusted_points(&prepared, &linked, 128, 1000 + seed);
         let error = judged_by_truth(&prepared, &linked, (&points, seed), |i| {
             let on =
                 |f: &[DVec3; 4]| (f[1] - f[0]).cross(f[2] - f[0]).normalize().dot(points[i].normal.as_dvec3()) > 0.9;
@@ -86,7 +98,7 @@ fn the_estimate_is_near_the_error_in_the_cornell_box() {
     let prepared = Prepared::new(scenes::build(scenes::cornell_box()), setup);
     let linked = prepared.link(&LinkOptions { n_levels: 3, ..LinkOptions::preview() });
     let estimate = judged_by_itself(&prepared, &linked, (400, 1024, 1));
-    let points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, 400, 2);
+    let points = trusted_points(&prepared, &linked, 400, 2);
     let places: Vec<_> = points.iter().map(|p| (p.position, p.normal)).collect();
     let options = IrradianceOptions { seed: 5, samples_per_replicate: 512, ..IrradianceOptions::preview() };
     let reference = PathTracer::new(&prepared.scene).irradiance(&places, &options, &NoProgress).unwrap();

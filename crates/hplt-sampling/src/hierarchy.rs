@@ -43,10 +43,10 @@ pub struct Hierarchy {
 ///
 /// On every level, no two points of a region are nearer than `r` in the metric of
 /// [`rejection_distance_squared`](crate::poisson::rejection_distance_squared), and every candidate is a point or that near
-/// to one: on the finest level all candidates, on each of the others the first ones, some ten per point, and those of small
-/// parts. (With all of them a coarse level would end up with a function for every sliver between two others.) Candidates are
-/// added until no more than `max_uncovered` of the surface is left without a function of the finest level, or until they help
-/// little. They are uniform in area, with at least one on each side of every connected component. Points carry the
+/// to one. Where a thousandth of the surface or more may be left uncovered, that holds for all candidates on the finest level, and on
+/// each of the others for the first ones, some ten per point, and those of small parts: with all of them a coarse level would end up
+/// with a function for every sliver between two others. Candidates are added until no more than `max_uncovered` of the surface is
+/// left without a function of the finest level, or, where slivers may be left, until they help little. They are uniform in area, with at least one on each side of every connected component. Points carry the
 /// area that they stand for (their share of the candidates) and lie along a Morton curve. Runs in parallel; the same bits at
 /// any thread count.
 ///
@@ -113,7 +113,7 @@ fn fill(
         if report.uncovered_fraction <= options.max_uncovered {
             return Ok(());
         }
-        if report.uncovered_fraction > LEAST_GAIN * before {
+        if options.accepts_slivers() && report.uncovered_fraction > LEAST_GAIN * before {
             break;
         }
         before = report.uncovered_fraction;
@@ -148,7 +148,7 @@ fn throw_all(
             // The finest level takes longest, so it starts first. Nobody else locks it.
             let mut level = cells[finest - i].lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             let (radius, support) = (level.radius(), 2.0 * level.radius());
-            let n_needed = if i == 0 { usize::MAX } else { plan.n_needed(radius) };
+            let n_needed = if i == 0 { usize::MAX } else { plan.n_needed(radius).unwrap_or(usize::MAX) };
             let is_needed = |k: &u32| (*k as usize) < n_needed || !candidates.is_uniform(*k as usize);
             for batch in &batches {
                 progress.check()?;

@@ -66,6 +66,11 @@ impl HierarchyOptions {
         Self { max_uncovered: 1e-4, ..Self::slides() }
     }
 
+    /// Whether slivers between functions may be left without one.
+    pub(crate) fn accepts_slivers(&self) -> bool {
+        self.max_uncovered >= 1e-3
+    }
+
     pub(crate) fn check(&self) -> Result<(), Error> {
         if !(1..=30).contains(&self.n_levels) {
             return Err(Error::Levels(self.n_levels));
@@ -92,6 +97,7 @@ pub(crate) struct LevelPlan {
     pub n_candidates: usize,
     pub warnings: Vec<Warning>,
     area: f64,
+    accepts_slivers: bool,
 }
 
 impl LevelPlan {
@@ -126,15 +132,16 @@ impl LevelPlan {
             }
             radii.push(radius.max(MIN_RADIUS) as f32);
         }
-        let mut plan = Self { radii, n_candidates: 0, warnings, area };
+        let accepts_slivers = options.accepts_slivers();
+        let mut plan = Self { radii, n_candidates: 0, warnings, area, accepts_slivers };
         let finest = plan.radii.last().map_or(0, |&r| plan.expected(r)) as f64;
         plan.n_candidates = ((finest * options.candidates_per_point.clamp(1.0, 1e3)) as usize).max(MIN_CANDIDATES);
         Ok(plan)
     }
 
-    /// Candidates that a level of this radius needs, where a finer one decides how many there are.
-    pub(crate) fn n_needed(&self, radius: f32) -> usize {
-        (CANDIDATES_PER_COARSE_POINT * self.expected(radius)).max(MIN_CANDIDATES)
+    /// Candidates that a level of this radius needs, where a finer one decides how many there are; `None` for all.
+    pub(crate) fn n_needed(&self, radius: f32) -> Option<usize> {
+        self.accepts_slivers.then(|| (CANDIDATES_PER_COARSE_POINT * self.expected(radius)).max(MIN_CANDIDATES))
     }
 
     /// The number of points that a level of this radius will have, about.
