@@ -19,8 +19,8 @@ use crate::settings::power_of_two;
 use crate::snap::{Placed, place};
 use crate::solution;
 
-/// Rays of points in the air and of those where interpolation cannot be trusted, when no final gather is asked for.
-const DOUBTFUL_RAYS: u32 = 1024;
+/// Rays of points in the air, when neither a final gather nor other rays are asked for.
+const RAYS_IN_AIR: u32 = 1024;
 
 /// Lights a scene and writes the irradiance at given points.
 ///
@@ -28,6 +28,7 @@ const DOUBTFUL_RAYS: u32 = 1024;
 /// With what stopped it.
 pub fn run(args: &PointsArgs) -> Result<Ended, Failure> {
     power_of_two("--final-gather", args.final_gather)?;
+    power_of_two("--doubtful-rays", (args.doubtful_rays > 0).then_some(args.doubtful_rays))?;
     args.budget.check(&args.common, args.solution.is_some() || args.final_gather.is_some())?;
     let out = file_output(args.out.as_deref(), args.common.output.json)?;
     session("points", (&args.common, &RenderSection::default()), &args.scene, |run| {
@@ -76,13 +77,13 @@ fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Res
         (placed, points)
     });
     count(run, &placed, &points);
-    let final_gather = args.final_gather.or(run.reading.gather_rays());
-    let light = match light_at(run, &lit, (&placed, &points), final_gather) {
+    let rays = (args.final_gather.or(run.reading.gather_rays()), args.doubtful_rays);
+    let light = match light_at(run, &lit, (&placed, &points), rays) {
         Err(failure) if failure.exit == Exit::Interrupted => {
             lit.is_cut_short = true;
             run.cut_short();
             run.check_strict()?;
-            light_at(run, &lit, (&placed, &points), final_gather)?
+            light_at(run, &lit, (&placed, &points), rays)?
         }
         other => other?,
     };
@@ -111,7 +112,7 @@ fn light_at(
     run: &mut Run<'_>,
     lit: &Lit<'_>,
     (placed, points): (&[Placed], &[OrientedPoint]),
-    final_gather: Option<u32>,
+    (final_gather, doubtful_rays): (Option<u32>, u32),
 ) -> Result<Vec<[Rgb; 2]>, Failure> {
     if lit.is_cut_short {
         let direct = lit.field.direct_at(&lit.model(), points);
@@ -129,7 +130,8 @@ fn light_at(
         let in_air = |i: usize| !placed[i].is_on_surface;
         let gathered = match final_gather {
             Some(n_rays) => (&Gathered::All, n_rays),
-            None => (&Gathered::Doubtful(&in_air), DOUBTFUL_RAYS),
+            None if doubtful_rays == 0 => (&Gathered::Only(&in_air), RAYS_IN_AIR),
+            None => (&Gathered::Doubtful(&in_air), doubtful_rays),
         };
         indirect_light((lit, run.settings), points, &direct, gathered, progress)
     })?;

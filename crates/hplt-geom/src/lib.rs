@@ -34,6 +34,7 @@ mod progress;
 pub mod radiometry;
 mod ray;
 mod scene;
+mod shaft;
 mod texture;
 
 pub use bvh::{Bvh, BvhOptions, BvhReport};
@@ -49,8 +50,9 @@ pub use mesh::{Mesh, TriangleId};
 pub use point::{Extent, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId};
 pub use progress::{Interrupted, NoProgress, Progress};
 pub use radiometry::Rgb;
-pub use ray::{Hit, Ray, RayCaster, offset_origin};
+pub use ray::{Blocker, Hit, Ray, RayCaster, offset_origin};
 pub use scene::{BuildPolicy, MeshInput, Scene, SceneBuilder, SceneReport, SurfacePoint};
+pub use shaft::Shaft;
 pub use texture::{Texture, UvTransform, Wrap};
 
 #[cfg(doctest)]

@@ -92,9 +92,14 @@ pub fn polygon_form_factor(normal: glam::DVec3, corners: &[glam::DVec3]) -> f64 
     if n < 3 {
         return 0.0;
     }
+    raised_form_factor(normal, &clipped[..n])
+}
+
+/// [`polygon_form_factor`] of a polygon of any number of corners that is above the horizon.
+pub fn raised_form_factor(normal: glam::DVec3, corners: &[glam::DVec3]) -> f64 {
     let mut sum = 0.0;
-    for i in 0..n {
-        let (a, b) = (clipped[i], clipped[(i + 1) % n]);
+    for (i, &a) in corners.iter().enumerate() {
+        let b = corners[if i + 1 < corners.len() { i + 1 } else { 0 }];
         let cross = a.cross(b);
         let sine = cross.length();
         if sine > 0.0 {

@@ -1,6 +1,8 @@
+use std::ops::ControlFlow;
+
 use glam::Vec3;
 
-use crate::TriangleId;
+use crate::{Shaft, TriangleId};
 
 /// A half-line, or a segment when `t_max` is finite. Scene space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +52,15 @@ impl Hit {
     }
 }
 
+/// A triangle that may be in the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Blocker {
+    /// Its corners, in some order.
+    pub corners: [Vec3; 3],
+    /// Whether an alpha mask may cut some of it away.
+    pub is_masked: bool,
+}
+
 /// Casts rays in batches. A batch is one receiver's rays or one tile of pixels; callers run batches in parallel.
 ///
 /// Contract: the result for a ray depends on that ray alone. A ray with a non-finite component or no direction is a
@@ -80,6 +91,12 @@ pub trait RayCaster: Sync {
         let mut occluded = [false];
         self.trace_occluded(&[ray], &mut occluded);
         occluded[0]
+    }
+
+    /// Visits every triangle that may reach into `shaft`, in some order, a few that do not and some more than once, until `visit` breaks.
+    /// Returns `false`, and has visited nothing, where the caster does not know its triangles: then only rays can tell.
+    fn visit_blockers(&self, _shaft: &Shaft, _visit: &mut dyn FnMut(&Blocker) -> ControlFlow<()>) -> bool {
+        false
     }
 }
 

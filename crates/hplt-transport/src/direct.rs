@@ -13,6 +13,7 @@ use crate::emitters::{Choice, Emitter, Emitters, Guides, choosing};
 use crate::gather::Counter;
 use crate::next_event::from_point;
 use crate::sky::SkySampler;
+use crate::visible::Visible;
 
 /// How light that comes straight from emissive surfaces and the sky is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -238,6 +239,7 @@ pub(crate) struct Shadows {
     guides: Guides,
     occluded: Vec<bool>,
     hits: Vec<Hit>,
+    visible: Visible,
 }
 
 impl Shadows {
@@ -301,6 +303,11 @@ impl PointSampler<'_> {
         let OrientedPoint { position, normal, .. } = *self.point;
         if !emitter.can_light(position, normal) {
             return DVec3::ZERO;
+        }
+        if let Some(exitance) = emitter.uniform_exitance
+            && let Some(fraction) = shadows.visible.fraction(caster, (self.origin, normal), emitter)
+        {
+            return exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction);
         }
         let mut n = self.light.options.light_samples;
         let scramble = self.seeds.of(0, index);

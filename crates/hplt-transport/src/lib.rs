@@ -42,6 +42,7 @@ mod sky;
 mod sky_view;
 mod solve;
 mod sparse;
+mod visible;
 
 pub use absolute::transport_absolute;
 pub use delta::transport_delta;

@@ -10,7 +10,7 @@ use crate::gather::{Scratch, arrival, scramble};
 use crate::next_event::NextEvents;
 
 /// A path that finds nowhere to read ends by reading all the same after so many segments.
-const MAX_SEGMENTS: u32 = 16;
+const MAX_SEGMENTS: u32 = 64;
 
 /// How gathers trace their paths.
 pub(crate) struct PathTracer<'a> {
@@ -154,10 +154,16 @@ impl PathTracer<'_> {
         going_on.clear();
         for arrival in at.iter().filter(|arrival| !sink.read(arrival)) {
             let [a, b, ..] = stream.words(id, arrival.ray, segment);
+            let survival = (2.0 * arrival.throughput.max_element()).min(1.0);
+            let (u, v) = (unit_f32(a), unit_f32(b));
+            // Russian roulette: what goes on weighs as much as what began. The number that decides is uniform again for survivors.
+            if u >= survival {
+                continue;
+            }
             let OrientedPoint { position, normal, .. } = arrival.point;
-            let direction = warp::cosine_hemisphere(Vec2::new(unit_f32(a), unit_f32(b)), normal);
+            let direction = warp::cosine_hemisphere(Vec2::new(u / survival, v), normal);
             rays.push(Ray::new(offset_origin(position, normal), direction));
-            going_on.push((arrival.ray, arrival.throughput));
+            going_on.push((arrival.ray, arrival.throughput / survival));
         }
         hits.clear();
         hits.resize(rays.len(), Hit::MISS);

@@ -10,6 +10,7 @@ mod batch;
 mod binary;
 mod build;
 mod dispatch;
+mod shaft;
 mod top_down;
 mod traverse;
 mod triangle;
@@ -20,7 +21,9 @@ mod test_scenes;
 #[cfg(test)]
 mod tests;
 
-use crate::{Hit, Mesh, Ray, RayCaster, Scene};
+use std::ops::ControlFlow;
+
+use crate::{Blocker, Hit, Mesh, Ray, RayCaster, Scene, Shaft};
 use alpha::Cutouts;
 use dispatch::Query;
 use traverse::Target;
@@ -137,5 +140,10 @@ impl RayCaster for Bvh {
     fn trace_occluded(&self, rays: &[Ray], occluded: &mut [bool]) {
         assert_eq!(rays.len(), occluded.len(), "one answer per ray");
         dispatch::run(self.target(), Query::Occluded(rays, occluded));
+    }
+
+    fn visit_blockers(&self, shaft: &Shaft, visit: &mut dyn FnMut(&Blocker) -> ControlFlow<()>) -> bool {
+        shaft::visit(&self.tree, shaft, visit);
+        true
     }
 }

@@ -49,6 +49,15 @@ impl Packet {
         self.meta[lane] & Self::MASKED != 0
     }
 
+    /// Coordinates by corner, axis and lane.
+    pub(super) fn rows(&self) -> &[[[f32; Self::LANES]; 3]; 3] {
+        &self.corners
+    }
+
+    pub(super) fn corners(&self, lane: usize) -> [Vec3; 3] {
+        self.corners.each_ref().map(|[x, y, z]| Vec3::new(x[lane], y[lane], z[lane]))
+    }
+
     fn order(&self, lane: usize) -> u32 {
         (self.meta[lane] >> Self::ID_BITS) & 7
     }
