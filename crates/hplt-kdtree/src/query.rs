@@ -1,6 +1,6 @@
 use glam::Vec3;
 
-use crate::{KdTree, Node};
+use crate::{KdTree, LEAF_SIZE, Node};
 
 /// Enough for `MAX_POINTS` in leaves of `LEAF_SIZE`: at most one entry per level.
 const STACK_SIZE: usize = 32;
@@ -109,9 +109,19 @@ impl KdTree {
             }
             node = if center[here.axis()] < here.split { node + 1 } else { here.right() };
         };
-        let mut best = [(u32::MAX, f32::INFINITY)];
-        self.improve(leaf, center, &mut best, &mut accept);
-        (best[0].0 != u32::MAX).then_some(best[0])
+        let range = leaf.range();
+        let ids = &self.order[range.clone()];
+        let mut distances = [f32::NAN; LEAF_SIZE];
+        distances.iter_mut().zip(&self.points[range]).for_each(|(d, point)| *d = length_squared(*point - center));
+        // Asking costs more than measuring: the nearest is asked first. Ids ascend within a leaf, which settles ties.
+        loop {
+            let least = least(&distances);
+            let at = distances.iter().position(|&d| d == least)?;
+            if accept(ids[at]) {
+                return Some((ids[at], least));
+            }
+            distances[at] = f32::NAN;
+        }
     }
 
     /// Puts the points of a leaf that are among the `N` best into `best`, which stays in order.
@@ -136,6 +146,19 @@ impl KdTree {
             }
         }
     }
+}
+
+/// The least that is not NaN, in a form for vector instructions.
+#[inline]
+fn least(values: &[f32; LEAF_SIZE]) -> f32 {
+    const LANES: usize = 8;
+    let mut least = [f32::INFINITY; LANES];
+    for chunk in values.chunks_exact(LANES) {
+        for (least, &value) in least.iter_mut().zip(chunk) {
+            *least = if value < *least { value } else { *least };
+        }
+    }
+    least.into_iter().fold(f32::INFINITY, f32::min)
 }
 
 /// The child that `center` falls into, the other one, and the offset from `center` to the other one's cell.
