@@ -3,10 +3,10 @@
 use std::sync::OnceLock;
 
 use hplt_basis::{
-    Absolute, ApproximateNearest, Coefficients, Coverage, Delta, ExactShepard, Reconstruction, delta_from_absolute,
+    Absolute, ApproximateNearest, Coefficients, Delta, ExactShepard, Reconstruction, delta_from_absolute,
 };
 use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, Rgb, parallel};
-use hplt_splat::{GBuffer, evaluate, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
+use hplt_splat::{GBuffer, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
 use hplt_transport::{
     ErrorEstimate, ErrorProbe, FinalGather, FinalGatherOptions, Gradients, LayeredInSight, LayeredNearestInSight,
     Model, ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error, final_gather,
@@ -217,40 +217,37 @@ impl Field {
         })
     }
 
-    /// Indirect irradiance at every sample of a G-buffer; `display` must not be a final gather.
+    /// Whether pictures evaluate the field where they look, whatever display is asked for: functions that end where others take over
+    /// cannot be splatted one by one.
+    pub fn is_evaluated(&self, display: Display) -> bool {
+        self.variant() == Variant::Links && display != Display::FinalGather || display == Display::Evaluate
+    }
+
+    /// Indirect irradiance at every sample of a G-buffer, splatted: by level, or all levels as one where `is_flattened`.
     ///
     /// # Errors
     /// When interrupted.
-    pub fn show(
+    pub fn splat(
         &self,
         model: &Model<'_>,
-        display: Display,
+        is_flattened: bool,
         gbuffer: &GBuffer,
         progress: &dyn Progress,
-    ) -> Result<(Vec<Rgb>, Coverage), Interrupted> {
+    ) -> Result<Vec<Rgb>, Interrupted> {
         let basis = model.basis;
-        // Functions that end where others take over cannot be splatted one by one.
-        let display = if self.variant() == Variant::Links { Display::Evaluate } else { display };
-        let splatted = match (display, self) {
-            (Display::Splat, Self::Delta(f)) => splat_delta(basis, &f.indirect, gbuffer, progress)?,
-            (Display::Splat, Self::Absolute(f)) => splat_absolute(basis, &f.indirect, gbuffer, progress)?,
-            (Display::Flatten, Self::Delta(f)) => {
+        let splatted = match (is_flattened, self) {
+            (false, Self::Delta(f)) => splat_delta(basis, &f.indirect, gbuffer, progress)?,
+            (false, Self::Absolute(f)) => splat_absolute(basis, &f.indirect, gbuffer, progress)?,
+            (true, Self::Delta(f)) => {
                 splat_flattened(basis, &flatten_delta(basis, &f.indirect, 0.0), gbuffer, progress)?
             }
-            (Display::Flatten, Self::Absolute(f)) => {
+            (true, Self::Absolute(f)) => {
                 // Above the rounding of sums of bounces, each pushed down by itself.
                 let threshold = 1e-5 * f.indirect.max_abs();
                 splat_flattened(basis, &flatten_absolute(basis, &f.indirect, threshold), gbuffer, progress)?
             }
-            (_, Self::Delta(f)) => {
-                return evaluate(basis, &f.indirect, &*(f.display)(model.caster, None), gbuffer, progress);
-            }
-            (_, Self::Absolute(f)) => {
-                let reconstruction = (f.display)(model.caster, f.gradients(model));
-                return evaluate(basis, &f.indirect, &*reconstruction, gbuffer, progress);
-            }
         };
-        Ok((splatted.irradiance, splatted.report.coverage))
+        Ok(splatted.irradiance)
     }
 }
 

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use hplt_geom::radiometry::luminance;
-use hplt_geom::{Camera, Image, Progress, Rgb};
+use hplt_geom::{Camera, Image, OrientedPoint, Progress, RegionId, Rgb};
 use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
 use hplt_sampling::random::Stage;
-use hplt_splat::{GBuffer, GBufferOptions, LayerValues, layers, radiance};
+use hplt_splat::{GBuffer, GBufferOptions, LayerValues, Patches, layers, radiance};
 use hplt_transport::{DirectLight, DirectOptions, direct_irradiance};
 
 use crate::exit::{Exit, Failure};
@@ -23,6 +23,13 @@ pub struct Picture {
     indirect: Vec<Rgb>,
     /// Radiance, W m⁻² sr⁻¹.
     pub radiance: Image,
+}
+
+/// What the samples of a pixel that see the same surface have in common.
+struct Shared {
+    patches: Patches,
+    /// By patch.
+    queries: Vec<OrientedPoint>,
 }
 
 /// Takes a picture of a lit scene.
@@ -44,15 +51,21 @@ pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Re
     };
     let gbuffer = run.stage("g-buffer", |_| {
         let mut gbuffer = GBuffer::trace(lit.scene, &lit.bvh, camera, options, progress)?;
-        gbuffer.set_regions(lit.regions.locate(lit.scene, &lit.bvh, &gbuffer.surface_points()));
-        Ok::<_, hplt_splat::Error>(gbuffer)
+        let patches = Patches::of(&gbuffer);
+        let regions = lit.regions.locate(lit.scene, &lit.bvh, &patches.surface_points());
+        let of_samples = patches.spread(&regions, RegionId::DARK);
+        gbuffer.set_regions(
+            (0..gbuffer.n_samples()).filter(|&i| !gbuffer.is_background(i)).map(|i| of_samples[i]).collect(),
+        );
+        let queries = patches.queries(&regions);
+        Ok::<_, hplt_splat::Error>((gbuffer, Shared { patches, queries }))
     });
-    let gbuffer = gbuffer.map_err(splat_failure)?;
+    let (gbuffer, shared) = gbuffer.map_err(splat_failure)?;
     run.report.enter_memory("g-buffer", gbuffer.memory());
     let direct =
         run.stage("direct light of pixels", |_| shade_direct(lit, &gbuffer, settings.transport.seed, progress))?;
     let indirect =
-        run.stage("indirect light of pixels", |run| shade_indirect(run, lit, (&gbuffer, &direct), progress))?;
+        run.stage("indirect light of pixels", |run| shade_indirect(run, lit, (&gbuffer, &shared), &direct, progress))?;
     let radiance = radiance(&gbuffer, &direct, &indirect);
     check_finite(&radiance)?;
     Ok(Picture { gbuffer, direct, indirect, radiance })
@@ -79,12 +92,18 @@ fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Prog
 fn shade_indirect(
     run: &Run<'_>,
     lit: &Lit<'_>,
-    (gbuffer, direct): (&GBuffer, &[Rgb]),
+    (gbuffer, shared): (&GBuffer, &Shared),
+    direct: &[Rgb],
     progress: &dyn Progress,
 ) -> Result<Vec<Rgb>, Failure> {
     let settings = run.settings;
-    if settings.display != Display::FinalGather || lit.is_cut_short {
-        return Ok(lit.field.show(&lit.model(), settings.display, gbuffer, progress)?.0);
+    if lit.field.is_evaluated(settings.display) || lit.is_cut_short {
+        let readings = lit.field.indirect_at(&lit.model(), &shared.queries);
+        let irradiance: Vec<Rgb> = readings.iter().map(|reading| reading.irradiance).collect();
+        return Ok(shared.patches.spread(&irradiance, Rgb::ZERO));
+    }
+    if settings.display != Display::FinalGather {
+        return Ok(lit.field.splat(&lit.model(), settings.display == Display::Flatten, gbuffer, progress)?);
     }
     let gathered = (&Gathered::All, settings.gather_rays);
     Ok(indirect_light((lit, settings), &gbuffer.queries(), direct, gathered, progress)?.irradiance)

@@ -167,7 +167,7 @@ fn encode(image: &ExrImage) -> Result<Vec<u8>, String> {
     let mut file = codec::Image::from_layer(layer);
     file.attributes.chromaticities = Some(rec_709());
     let mut bytes = Vec::new();
-    file.write().non_parallel().to_buffered(Cursor::new(&mut bytes)).map_err(|e| e.to_string())?;
+    file.write().to_buffered(Cursor::new(&mut bytes)).map_err(|e| e.to_string())?;
     sort_attributes(&mut bytes).ok_or("the encoder wrote an unknown header")?;
     Ok(bytes)
 }

@@ -31,7 +31,12 @@ impl Visible {
     /// above it. `None` where too much is in the way, or something with holes in it, or only rays can tell.
     ///
     /// The emitter minus the shadow volume of every blocker, as polygons; each remaining piece by Lambert's formula.
-    pub fn fraction(&mut self, caster: &dyn RayCaster, (origin, normal): (Vec3, Vec3), emitter: &Emitter) -> Option<f64> {
+    pub fn fraction(
+        &mut self,
+        caster: &dyn RayCaster,
+        (origin, normal): (Vec3, Vec3),
+        emitter: &Emitter,
+    ) -> Option<f64> {
         let corners = emitter.corners.map(|corner| offset_origin(corner, emitter.normal));
         let eye = origin.as_dvec3();
         self.begin(corners.map(|corner| corner.as_dvec3() - eye), normal.as_dvec3());
@@ -56,7 +61,8 @@ impl Visible {
             if self.pieces.is_empty() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let is_able = caster.visit_blockers(&shaft, &mut cut_out);
-        (is_able && is_told).then(|| if n_blockers == 0 { 1.0 } else { (self.form_factor(normal) / all).clamp(0.0, 1.0) })
+        (is_able && is_told)
+            .then(|| if n_blockers == 0 { 1.0 } else { (self.form_factor(normal) / all).clamp(0.0, 1.0) })
     }
 
     /// All of a triangle above the horizon.
@@ -81,7 +87,8 @@ impl Visible {
             return;
         }
         let (corners, pieces) = std::mem::take(&mut self.before);
-        let (corners, pieces) = (std::mem::replace(&mut self.corners, corners), std::mem::replace(&mut self.pieces, pieces));
+        let (corners, pieces) =
+            (std::mem::replace(&mut self.corners, corners), std::mem::replace(&mut self.pieces, pieces));
         self.corners.clear();
         self.pieces.clear();
         for piece in &pieces {
