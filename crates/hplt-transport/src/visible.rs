@@ -173,3 +173,110 @@ fn split(polygon: &[DVec3], plane: (DVec3, f64), inside: &mut Vec<DVec3>, outsid
         outside.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use hplt_geom::{Hit, LightGroupId, Ray, Rgb, TriangleId};
+
+    use super::*;
+
+    /// Casts no rays: visits triangles of a list.
+    struct Listed<'a>(&'a [Blocker]);
+
+    impl RayCaster for Listed<'_> {
+        fn trace_nearest(&self, _: &[Ray], _: &mut [Hit]) {
+            unreachable!("no ray is cast");
+        }
+
+        fn trace_occluded(&self, _: &[Ray], _: &mut [bool]) {
+            unreachable!("no ray is cast");
+        }
+
+        fn visit_blockers(&self, _: &Shaft, visit: &mut dyn FnMut(&Blocker) -> ControlFlow<()>) -> bool {
+            let _ = self.0.iter().try_for_each(visit);
+            true
+        }
+    }
+
+    /// Half of a square of side 2 at height 1, looking down.
+    fn lamp() -> Emitter {
+        let corners = [Vec3::new(-1.0, -1.0, 1.0), Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0)];
+        Emitter {
+            corners,
+            normal: Vec3::NEG_Z,
+            area: 2.0,
+            triangle: TriangleId(0),
+            is_front: true,
+            group: LightGroupId(0),
+            uniform_exitance: Some(Rgb::ONE),
+            power: 2.0,
+        }
+    }
+
+    fn opaque(corners: [Vec3; 3]) -> Blocker {
+        Blocker { corners, is_masked: false }
+    }
+
+    fn fraction(blockers: &[Blocker], normal: Vec3) -> Option<f64> {
+        Visible::default().fraction(&Listed(blockers), (Vec3::ZERO, normal), &lamp())
+    }
+
+    /// A triangle at half the height and as large as a square of that side, over or beside the middle of the lamp.
+    fn plate(x: [f32; 2], y: [f32; 2]) -> [Blocker; 2] {
+        let at = |i: usize, k: usize| Vec3::new(x[i], y[k], 0.5);
+        [opaque([at(0, 0), at(1, 0), at(1, 1)]), opaque([at(0, 0), at(1, 1), at(0, 1)])]
+    }
+
+    #[test]
+    fn what_is_not_in_the_way_hides_nothing() {
+        assert_eq!(fraction(&[], Vec3::Z), Some(1.0));
+        let beside = plate([3.0, 4.0], [3.0, 4.0]);
+        let behind = [opaque([Vec3::new(-9.0, -9.0, 2.0), Vec3::new(9.0, -9.0, 2.0), Vec3::new(0.0, 9.0, 2.0)])];
+        let below = [opaque([Vec3::new(-9.0, -9.0, -1.0), Vec3::new(9.0, -9.0, -1.0), Vec3::new(0.0, 9.0, -1.0)])];
+        // In the lamp's own plane, as its other half is.
+        let other_half = [opaque([Vec3::new(1.0, 1.0, 1.0), Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0)])];
+        for blockers in [&beside[..], &behind, &below, &other_half] {
+            let found = fraction(blockers, Vec3::Z).unwrap();
+            assert!((found - 1.0).abs() < 1e-12, "{found} {blockers:?}");
+        }
+    }
+
+    /// By symmetry about the diagonal: the lamp is the triangle x + y <= 0 of its square, and what a plate hides is the same whichever
+    /// way it is cut into triangles, wound, and listed.
+    #[test]
+    fn plates_hide_what_they_cover() {
+        let whole = plate([-0.51, 0.51], [-0.51, 0.51]);
+        assert_eq!(fraction(&whole, Vec3::Z), Some(0.0));
+        // One of the two halves x < y and y < x.
+        let half = [opaque([Vec3::new(-0.5, -0.5, 0.5), Vec3::new(0.6, 0.6, 0.5), Vec3::new(-0.6, 0.6, 0.5)])];
+        assert!((fraction(&half, Vec3::Z).unwrap() - 0.5).abs() < 1e-6);
+        let strip = plate([-0.25, 0.1], [-2.0, 2.0]);
+        let turned = [strip[1], strip[0], strip[0]].map(|b| opaque([b.corners[1], b.corners[0], b.corners[2]]));
+        let (a, b) = (fraction(&strip, Vec3::Z).unwrap(), fraction(&turned, Vec3::Z).unwrap());
+        assert!((a - b).abs() < 1e-12 && 0.3 < a && a < 0.8, "{a} {b}");
+    }
+
+    /// What two plates leave adds up with what they hide, for tilted receivers that see a part of the lamp only, too.
+    #[test]
+    fn a_plate_and_its_complement_hide_everything_between_them() {
+        for normal in [Vec3::Z, Vec3::new(0.5, 0.3, 0.2).normalize(), Vec3::new(-0.9, 0.1, -0.1).normalize()] {
+            let left = fraction(&plate([-2.0, -0.2], [-2.0, 2.0]), normal).unwrap();
+            let right = fraction(&plate([-0.2, 2.0], [-2.0, 2.0]), normal).unwrap();
+            assert!((left + right - 1.0).abs() < 1e-9, "{left} {right}");
+        }
+    }
+
+    #[test]
+    fn holes_and_crowds_are_left_to_rays() {
+        let holed = [Blocker { is_masked: true, ..plate([-0.1, 0.1], [-0.1, 0.1])[0] }];
+        assert_eq!(fraction(&holed, Vec3::Z), None);
+        let strips = |n: usize| -> Vec<Blocker> {
+            let x = |i: usize| -0.5 + i as f32 / n as f32;
+            (0..n).flat_map(|i| plate([x(i), x(i) + 0.1 / n as f32], [-2.0, 2.0])).collect()
+        };
+        assert!(fraction(&strips(8), Vec3::Z).is_some());
+        assert_eq!(fraction(&strips(MAX_BLOCKERS), Vec3::Z), None);
+    }
+}

@@ -1,10 +1,12 @@
+use std::ops::ControlFlow;
+
 use glam::{DVec3, Vec2, Vec3};
 
 use super::binary::BinaryKind;
 use super::test_scenes::{Random, Soup, masked_quad, nested, raw_mesh, scene, soup, sphere};
 use super::triangle::Packet;
 use super::{Bvh, BvhOptions, Cutouts, Query, build, build_tree, dispatch, top_down, wide};
-use crate::{Hit, Mesh, Ray, RayCaster, TriangleId, offset_origin};
+use crate::{Hit, Mesh, Ray, RayCaster, Shaft, TriangleId, offset_origin};
 
 /// A hierarchy over a mesh that is not mapped into scene space.
 fn raw_bvh(mesh: &Mesh) -> Bvh {
@@ -65,6 +67,67 @@ fn nearest_and_any_hit_agree_with_brute_force_on_soups() {
         }
         assert!(n_hits > 5, "{n} triangles: only {n_hits} rays hit");
     }
+}
+
+/// Whatever a segment of a shaft meets is among what the shaft visits, and of a small one in a large soup that is a small part.
+#[test]
+fn shafts_visit_every_triangle_that_blocks_one_of_their_segments() {
+    let mut random = Random::new(7);
+    for (n, size, few) in [(1, 0.8, 1.0), (300, 0.3, 1.0), (3000, 0.1, 0.2)] {
+        let scene = scene(&soup(n, size, false, &mut random));
+        let (bvh, report) = Bvh::build(&scene, BvhOptions::default());
+        let (mut n_met, mut n_visited) = (0, 0);
+        for _ in 0..100 {
+            let apex = random.in_cube();
+            let corner = random.in_cube();
+            let polygon = [corner, corner + 0.2 * random.direction(), corner + 0.2 * random.direction()];
+            let mut visited = Vec::new();
+            let shaft = Shaft::new(apex, &polygon);
+            let is_able = bvh.visit_blockers(&shaft, &mut |blocker| {
+                visited.push(sorted(blocker.corners));
+                ControlFlow::Continue(())
+            });
+            assert!(is_able);
+            n_visited += visited.len();
+            for _ in 0..50 {
+                let (u, v) = (random.unit(), random.unit());
+                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let target = polygon[0] * (1.0 - u - v) + polygon[1] * u + polygon[2] * v;
+                for (_, id) in brute_force(scene.mesh(), &Ray::segment(apex, target)) {
+                    n_met += 1;
+                    assert!(visited.contains(&sorted(scene.mesh().corners(id))), "{id:?}");
+                }
+            }
+        }
+        assert!(n_met > 0 && n_visited as f64 <= few * 100.0 * report.n_boxes as f64, "{n_met} {n_visited}");
+    }
+}
+
+#[test]
+fn a_visit_ends_where_the_visitor_says_so_and_cuts_leave_out_what_is_behind() {
+    let mut random = Random::new(8);
+    let scene = scene(&soup(300, 0.3, false, &mut random));
+    let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+    let mut shaft = Shaft::new(Vec3::splat(-1.0), &[Vec3::X, Vec3::Y, Vec3::Z].map(|p| p * 2.0));
+    let count = |shaft: &Shaft, limit: usize| {
+        let mut n = 0;
+        bvh.visit_blockers(shaft, &mut |_| {
+            n += 1;
+            if n == limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        n
+    };
+    let all = count(&shaft, usize::MAX);
+    assert!(all > 10 && count(&shaft, 3) == 3);
+    shaft.cut(Vec3::ZERO, Vec3::ONE.normalize());
+    let half = count(&shaft, usize::MAX);
+    assert!(0 < half && half < all, "{half} of {all}");
+}
+
+fn sorted(corners: [Vec3; 3]) -> [[u32; 3]; 3] {
+    let mut corners = corners.map(|c| c.to_array().map(f32::to_bits));
+    corners.sort_unstable();
+    corners
 }
 
 /// How many rays leave a closed sphere from inside: in random directions, at vertices and at edge midpoints. They are traced in
