@@ -305,7 +305,7 @@ impl PointSampler<'_> {
             return DVec3::ZERO;
         }
         if let Some(exitance) = emitter.uniform_exitance
-            && let Some(fraction) = shadows.visible.fraction(caster, (self.origin, normal), emitter)
+            && let Some(fraction) = shadows.visible.fraction(caster, self.point, emitter)
         {
             return exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction);
         }

@@ -59,6 +59,7 @@ pub fn final_gather<E>(
         seed: options.seed,
         stage: options.stage,
         n_rays: options.n_rays.max(GROUPS as u32),
+        is_roulette: true,
         largest_support: if n_levels == 0 { 0.0 } else { model.basis.support(model.basis.coarsest_read(n_levels)) },
     };
     let gathering = Gathering { model, sender, contact: options.contact, n_levels, tracer };

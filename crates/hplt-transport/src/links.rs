@@ -340,6 +340,7 @@ impl Linker<'_> {
             seed: self.options.seed,
             stage: Stage::Gather,
             n_rays: self.options.n_rays,
+            is_roulette: false,
             largest_support: self.basis.support(self.basis.coarsest_read(self.basis.n_levels())),
         };
         let rows = parallel::try_map(points.len(), LinkScratch::default, |scratch, i| {

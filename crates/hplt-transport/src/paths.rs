@@ -10,7 +10,7 @@ use crate::gather::{Scratch, arrival, scramble};
 use crate::next_event::NextEvents;
 
 /// A path that finds nowhere to read ends by reading all the same after so many segments.
-const MAX_SEGMENTS: u32 = 64;
+const MAX_SEGMENTS: u32 = 16;
 
 /// How gathers trace their paths.
 pub(crate) struct PathTracer<'a> {
@@ -22,6 +22,8 @@ pub(crate) struct PathTracer<'a> {
     pub stage: Stage,
     /// Rays per receiver.
     pub n_rays: u32,
+    /// Whether paths that carry little end at random, the others standing for them. Rows of links do without: theirs must add up to albedos.
+    pub is_roulette: bool,
     /// The largest support that is read, scene units. Where paths arrive lower than functions of that size see, the air above is
     /// measured.
     pub largest_support: f32,
@@ -154,9 +156,9 @@ impl PathTracer<'_> {
         going_on.clear();
         for arrival in at.iter().filter(|arrival| !sink.read(arrival)) {
             let [a, b, ..] = stream.words(id, arrival.ray, segment);
-            let survival = (2.0 * arrival.throughput.max_element()).min(1.0);
+            let survival = if self.is_roulette { (2.0 * arrival.throughput.max_element()).min(1.0) } else { 1.0 };
             let (u, v) = (unit_f32(a), unit_f32(b));
-            // Russian roulette: what goes on weighs as much as what began. The number that decides is uniform again for survivors.
+            // The number that decides is uniform again for survivors.
             if u >= survival {
                 continue;
             }

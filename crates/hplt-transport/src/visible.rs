@@ -4,7 +4,7 @@ use std::ops::{ControlFlow, Range};
 
 use glam::{DVec3, Vec3};
 use hplt_geom::radiometry::raised_form_factor;
-use hplt_geom::{Blocker, RayCaster, Shaft, offset_origin};
+use hplt_geom::{Blocker, OrientedPoint, RayCaster, Shaft, offset_origin};
 
 use crate::emitters::Emitter;
 
@@ -12,6 +12,9 @@ use crate::emitters::Emitter;
 const MAX_BLOCKERS: usize = 64;
 /// Pieces after which rays are cheaper.
 const MAX_PIECES: usize = 48;
+
+/// What must be left of the distance between a point and the plane of an emitter when both are moved off their surfaces.
+const NEAR: f32 = 0.8;
 
 /// What can be seen of a convex polygon, as convex pieces relative to the eye.
 #[derive(Debug, Default)]
@@ -27,17 +30,17 @@ pub(crate) struct Visible {
 }
 
 impl Visible {
-    /// The visible fraction of the irradiance from `emitter`, all over alike, at a surface that looks along `normal`; `origin` is just
-    /// above it. `None` where too much is in the way, or something with holes in it, or only rays can tell.
+    /// The visible fraction of the irradiance at `point` from `emitter`, which is the same all over. `None` where too much is in the
+    /// way, or something with holes in it, where the two are so near that rounding matters, and where only rays can tell.
     ///
     /// The emitter minus the shadow volume of every blocker, as polygons; each remaining piece by Lambert's formula.
-    pub fn fraction(
-        &mut self,
-        caster: &dyn RayCaster,
-        (origin, normal): (Vec3, Vec3),
-        emitter: &Emitter,
-    ) -> Option<f64> {
+    pub fn fraction(&mut self, caster: &dyn RayCaster, point: &OrientedPoint, emitter: &Emitter) -> Option<f64> {
+        let OrientedPoint { position, normal, .. } = *point;
+        let origin = offset_origin(position, normal);
         let corners = emitter.corners.map(|corner| offset_origin(corner, emitter.normal));
+        if !is_far_off((position, origin, normal), emitter, corners) {
+            return None;
+        }
         let eye = origin.as_dvec3();
         self.begin(corners.map(|corner| corner.as_dvec3() - eye), normal.as_dvec3());
         if self.corners.len() < 3 {
@@ -129,6 +132,15 @@ impl Visible {
     }
 }
 
+/// Whether point and emitter are still on the right sides of each other, and about as far as before, after both were moved off their
+/// surfaces; `origin` and `corners` are what was moved.
+fn is_far_off((position, origin, normal): (Vec3, Vec3, Vec3), emitter: &Emitter, corners: [Vec3; 3]) -> bool {
+    let rises = |from: Vec3, to: &[Vec3]| to.iter().map(|&c| (c - from).dot(normal)).fold(f32::NEG_INFINITY, f32::max);
+    let before = ((position - emitter.corners[0]).dot(emitter.normal), rises(position, &emitter.corners));
+    let after = ((origin - corners[0]).dot(emitter.normal), rises(origin, &corners));
+    after.0 > NEAR * before.0 && after.1 > NEAR * before.1
+}
+
 /// Half-spaces, normal and offset, whose intersection is what a triangle hides from the origin. `None` seen edge-on.
 fn shadow_volume([a, b, c]: [DVec3; 3]) -> Option<[(DVec3, f64); 4]> {
     let normal = (b - a).cross(c - a);
@@ -178,7 +190,7 @@ fn split(polygon: &[DVec3], plane: (DVec3, f64), inside: &mut Vec<DVec3>, outsid
 mod tests {
     use std::ops::ControlFlow;
 
-    use hplt_geom::{Hit, LightGroupId, Ray, Rgb, TriangleId};
+    use hplt_geom::{Hit, LightGroupId, Ray, RegionId, Rgb, TriangleId};
 
     use super::*;
 
@@ -220,7 +232,8 @@ mod tests {
     }
 
     fn fraction(blockers: &[Blocker], normal: Vec3) -> Option<f64> {
-        Visible::default().fraction(&Listed(blockers), (Vec3::ZERO, normal), &lamp())
+        let point = OrientedPoint::new(Vec3::ZERO, normal, RegionId(0));
+        Visible::default().fraction(&Listed(blockers), &point, &lamp())
     }
 
     /// A triangle at half the height and as large as a square of that side, over or beside the middle of the lamp.
@@ -266,6 +279,13 @@ mod tests {
             let right = fraction(&plate([-0.2, 2.0], [-2.0, 2.0]), normal).unwrap();
             assert!((left + right - 1.0).abs() < 1e-9, "{left} {right}");
         }
+    }
+
+    #[test]
+    fn a_lamp_as_near_as_rounding_is_left_to_rays() {
+        let at = |z: f32| OrientedPoint::new(Vec3::new(-0.5, -0.5, z), Vec3::Z, RegionId(0));
+        let fraction = |z: f32| Visible::default().fraction(&Listed(&[]), &at(z), &lamp());
+        assert_eq!((fraction(0.99), fraction(1.0 - 3e-5)), (Some(1.0), None));
     }
 
     #[test]
