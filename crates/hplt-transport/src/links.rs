@@ -61,8 +61,8 @@ impl LinkOptions {
     pub fn production() -> Self {
         Self {
             seed: 0,
-            n_rays: 256,
-            n_levels: 5,
+            n_rays: 512,
+            n_levels: 4,
             threshold: Threshold { absolute: 0.0, relative: 0.05, noise: 2.0 },
             precision: LinkPrecision::Nearest,
             max_functions: 4_000_000,

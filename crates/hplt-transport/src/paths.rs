@@ -8,9 +8,12 @@ use hplt_sampling::{SIGHT_LIFT, free_height, warp};
 use crate::DirectLight;
 use crate::gather::{Scratch, arrival, scramble};
 use crate::next_event::NextEvents;
+use crate::sight::SLIT;
 
 /// A path that finds nowhere to read ends by reading all the same after so many segments.
 const MAX_SEGMENTS: u32 = 16;
+/// Throughput below which paths end by Russian roulette.
+const LITTLE: f32 = 0.5;
 
 /// How gathers trace their paths.
 pub(crate) struct PathTracer<'a> {
@@ -22,7 +25,8 @@ pub(crate) struct PathTracer<'a> {
     pub stage: Stage,
     /// Rays per receiver.
     pub n_rays: u32,
-    /// Whether paths that carry little end at random, the others standing for them. Rows of links do without: theirs must add up to albedos.
+    /// Whether paths that carry little end at random everywhere, the others standing for them, or only in slits: rows of links add up
+    /// to albedos where none end.
     pub is_roulette: bool,
     /// The largest support that is read, scene units. Where paths arrive lower than functions of that size see, the air above is
     /// measured.
@@ -148,6 +152,12 @@ impl PathTracer<'_> {
         }
     }
 
+    /// The probability that a path goes on.
+    fn survival(&self, arrival: &Arrival) -> f32 {
+        let is_in_slit = arrival.point.extent.free_height() < SLIT * self.largest_support;
+        if self.is_roulette || is_in_slit { (arrival.throughput.max_element() / LITTLE).min(1.0) } else { 1.0 }
+    }
+
     /// Reads the field, and casts the next ray of paths that found no good place for that.
     fn read_or_go_on(&self, id: u32, segment: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) {
         let PathBuffers { at, rays, going_on, hits, .. } = buffers;
@@ -156,7 +166,7 @@ impl PathTracer<'_> {
         going_on.clear();
         for arrival in at.iter().filter(|arrival| !sink.read(arrival)) {
             let [a, b, ..] = stream.words(id, arrival.ray, segment);
-            let survival = if self.is_roulette { (2.0 * arrival.throughput.max_element()).min(1.0) } else { 1.0 };
+            let survival = self.survival(arrival);
             let (u, v) = (unit_f32(a), unit_f32(b));
             // The number that decides is uniform again for survivors.
             if u >= survival {

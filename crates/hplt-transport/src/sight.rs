@@ -18,7 +18,7 @@ const LEAST_FUNCTIONS: usize = 3;
 const AGREEMENT: f32 = 0.03;
 /// Free height over a query, in supports of the functions there, below which they are too coarse for it: light in a slit changes
 /// over distances like its height.
-const SLIT: f32 = 0.3;
+pub(crate) const SLIT: f32 = 0.3;
 /// Share of the weights at least that must be in sight.
 const LEAST_SHARE: f32 = 0.5;
 
