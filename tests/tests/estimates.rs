@@ -8,23 +8,24 @@ use hplt::reference::scenes;
 use hplt::sampling::random::Stage;
 use hplt::sampling::random_surface_points;
 use hplt::transport::{
-    DirectLight, DirectOptions, ErrorEstimate, ErrorProbe, Gradients, LayeredNearestInSight, LinkOptions, Linked,
-    Model, ReadBuffers, Sender, direct_irradiance, estimate_error, read_in_sight,
+    DirectLight, DirectOptions, ErrorEstimate, ErrorProbe, FieldView, Gradients, LayeredNearestInSight, LinkOptions,
+    Linked, Model, ReadBuffers, Sender, direct_irradiance, estimate_error, read_in_sight,
 };
 use hplt_tests::checks::hemisphere;
 use hplt_tests::{Prepared, Setup, manufactured};
 
-/// Direct and indirect irradiance at points, interpolated to first order.
-fn read(prepared: &Prepared, linked: &Linked, points: &[OrientedPoint], seed: u64) -> [Vec<Rgb>; 2] {
+/// Direct and indirect irradiance at points, interpolated to first order, and what is known of the noise of the latter.
+fn read(prepared: &Prepared, linked: &Linked, points: &[OrientedPoint], seed: u64) -> (Vec<Rgb>, Vec<Rgb>, Vec<f32>) {
     let model = Model { basis: &linked.basis, ..prepared.model() };
     let gradients = Gradients::fit(&model, &linked.indirect);
     let mut buffers = ReadBuffers::default();
-    let field = (&linked.indirect, Some(&gradients));
-    let indirect = points.iter().map(|p| read_in_sight(&model, field, p, &mut buffers).irradiance).collect();
+    let field = FieldView { values: &linked.indirect, gradients: Some(&gradients), noise: Some(&linked.noise) };
+    let readings = points.iter().map(|p| read_in_sight(&model, field, p, &mut buffers));
+    let (indirect, noise) = readings.map(|reading| (reading.irradiance, reading.noise)).unzip();
     let light =
         DirectLight::new(&prepared.scene, DirectOptions { seed, sky_samples: 1024, ..DirectOptions::display() });
     let direct = direct_irradiance(&light, &prepared.bvh.bvh, points, Stage::Error, &NoProgress).unwrap();
-    [direct, indirect]
+    (direct, indirect, noise)
 }
 
 /// Random points that interpolation can be trusted at; the others are gathered by whoever asks for them.
@@ -33,7 +34,12 @@ fn trusted_points(prepared: &Prepared, linked: &Linked, n: usize, seed: u64) -> 
     let model = Model { basis: &linked.basis, ..prepared.model() };
     let mut buffers = ReadBuffers::default();
     points.retain(|p| {
-        let reading = read_in_sight(&model, (&linked.indirect, None), p, &mut buffers);
+        let reading = read_in_sight(
+            &model,
+            FieldView { values: &linked.indirect, gradients: None, noise: None },
+            p,
+            &mut buffers,
+        );
         !reading.is_doubtful(0.3, luminance(reading.irradiance))
     });
     points
@@ -41,12 +47,20 @@ fn trusted_points(prepared: &Prepared, linked: &Linked, n: usize, seed: u64) -> 
 
 fn judged_by_itself(prepared: &Prepared, linked: &Linked, (n, n_rays, seed): (usize, u32, u64)) -> ErrorEstimate {
     let points = trusted_points(prepared, linked, n, seed);
-    let [direct, indirect] = read(prepared, linked, &points, seed);
+    let (direct, indirect, noise) = read(prepared, linked, &points, seed);
     let model = Model { basis: &linked.basis, ..prepared.model() };
     let reconstruction = LayeredNearestInSight { caster: model.caster };
     let sender = Sender { coefficients: &linked.indirect, reconstruction: &reconstruction, n_levels: usize::MAX };
     let light = DirectLight::new(&prepared.scene, DirectOptions::one_sample());
-    let probe = ErrorProbe { points: &points, direct: &direct, light: &light, n_rays, seed, indirect: &indirect };
+    let probe = ErrorProbe {
+        points: &points,
+        direct: &direct,
+        light: &light,
+        n_rays,
+        seed,
+        indirect: &indirect,
+        noise: &noise,
+    };
     estimate_error(&model, &sender, probe, &NoProgress).unwrap()
 }
 
@@ -57,7 +71,7 @@ fn judged_by_truth(
     (points, seed): (&[OrientedPoint], u64),
     truth: impl Fn(usize) -> f64,
 ) -> f64 {
-    let [direct, indirect] = read(prepared, linked, points, seed);
+    let (direct, indirect, _) = read(prepared, linked, points, seed);
     let mean = (0..points.len()).map(&truth).sum::<f64>() / points.len() as f64;
     let error = |i: usize| (f64::from(luminance(direct[i] + indirect[i])) - truth(i)).abs() / truth(i).max(0.01 * mean);
     (0..points.len()).map(error).sum::<f64>() / points.len() as f64
@@ -89,6 +103,24 @@ fn the_bound_holds_in_95_of_100_seeds() {
     println!("held in {held} of 100; mean bound {bounds:.4}, mean error {errors:.4}");
     assert!(held >= 95, "{held}");
     assert!(bounds < 3.0 * errors, "{bounds} {errors}");
+}
+
+/// The parts of an estimate follow what they are named after: with sixteen times the rays that from rays falls to a quarter and the other
+/// stays; with finer functions the other falls.
+#[test]
+fn an_estimate_tells_rays_from_functions() {
+    let estimate = |radius: f64, n_rays: u32| {
+        let prepared = Prepared::new(manufactured::scene(), Setup { radius, ..hemisphere(1, 64, 1e-3) });
+        let linked = prepared.link(&LinkOptions { n_rays, n_levels: 1, ..LinkOptions::production() });
+        judged_by_itself(&prepared, &linked, (400, 2048, 1))
+    };
+    let (few, many, fine) = (estimate(0.4, 64), estimate(0.4, 1024), estimate(0.15, 1024));
+    for e in [few, many, fine] {
+        println!("{:.5} = {:.5} and {:.5}", e.mean, e.from_rays, e.from_functions);
+        assert!((e.from_rays.hypot(e.from_functions) - e.mean).abs() < 1e-12);
+    }
+    assert!(many.from_rays < 0.4 * few.from_rays, "rays");
+    assert!(fine.from_functions < 0.5 * many.from_functions && many.from_rays < many.from_functions, "functions");
 }
 
 /// On the Cornell box the estimate is within a factor of 1.5 of the error against the path tracer.

@@ -8,8 +8,8 @@ use hplt::reference::path_tracer::{IrradianceOptions, PathTracer};
 use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::random_surface_points;
 use hplt::transport::{
-    DirectEstimator, DirectLight, DirectOptions, Error, Gradients, LinkOptions, LinkPrecision, Linked, ReadBuffers,
-    read_in_sight, transport_links,
+    DirectEstimator, DirectLight, DirectOptions, Error, FieldView, Gradients, LinkOptions, LinkPrecision, Linked,
+    ReadBuffers, read_in_sight, transport_links,
 };
 use hplt_tests::{Prepared, Setup};
 
@@ -92,7 +92,8 @@ fn gradients_carry_an_even_slope() {
         let mut buffers = ReadBuffers::default();
         let mut mean = |gradients: Option<&Gradients>| {
             let off = |p: &OrientedPoint| {
-                let found = read_in_sight(&model, (&field, gradients), p, &mut buffers);
+                let found =
+                    read_in_sight(&model, FieldView { values: &field, gradients, noise: None }, p, &mut buffers);
                 assert!(found.irradiance.min_element() >= 0.0);
                 found.spread.is_finite().then(|| f64::from((found.irradiance.x - of(p.position)).abs()))
             };

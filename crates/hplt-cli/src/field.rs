@@ -8,9 +8,9 @@ use hplt_basis::{
 use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, Rgb, parallel};
 use hplt_splat::{GBuffer, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
 use hplt_transport::{
-    ErrorEstimate, ErrorProbe, FinalGather, FinalGatherOptions, Gradients, LayeredInSight, LayeredNearestInSight,
-    Model, ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error, final_gather,
-    read_in_sight, transport_absolute, transport_delta,
+    ErrorEstimate, ErrorProbe, FieldView, FinalGather, FinalGatherOptions, Gradients, LayeredInSight,
+    LayeredNearestInSight, Model, ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error,
+    final_gather, read_in_sight, transport_absolute, transport_delta,
 };
 
 use crate::exit::Failure;
@@ -35,6 +35,8 @@ pub struct Encoded<E> {
     /// How displays and sensors read it.
     display: Reader<E>,
     variant: Variant,
+    /// Standard errors of the indirect irradiance by the rays of each function, where they are known.
+    noise: Option<Coefficients<Absolute>>,
     /// Of the indirect irradiance, once it is read to first order.
     gradients: OnceLock<Gradients>,
 }
@@ -55,7 +57,7 @@ where
             ReconstructionName::Shepard => exact,
             ReconstructionName::Nearest => |_: &dyn RayCaster, _: Option<&Gradients>| Box::new(ApproximateNearest) as _,
         };
-        Self { direct, indirect, sender, display: exact, variant, gradients: OnceLock::new() }
+        Self { direct, indirect, sender, display: exact, variant, noise: None, gradients: OnceLock::new() }
     }
 }
 
@@ -68,7 +70,7 @@ impl Encoded<Absolute> {
             ReconstructionName::Nearest => |caster, _| Box::new(LayeredNearestInSight { caster }),
         };
         let gradients = OnceLock::new();
-        Self { direct, indirect, sender, display: exact, variant: Variant::Links, gradients }
+        Self { direct, indirect, sender, display: exact, variant: Variant::Links, noise: None, gradients }
     }
 
     /// `None` for fields whose finest level is everywhere: those are read as published.
@@ -121,10 +123,10 @@ impl Field {
     /// What [`transport_links`](hplt_transport::transport_links) found.
     pub fn linked(
         direct: Coefficients<Absolute>,
-        indirect: Coefficients<Absolute>,
+        (indirect, noise): (Coefficients<Absolute>, Coefficients<Absolute>),
         reconstruction: ReconstructionName,
     ) -> Self {
-        Self::Absolute(Encoded::layered([direct, indirect], reconstruction))
+        Self::Absolute(Encoded { noise: Some(noise), ..Encoded::layered([direct, indirect], reconstruction) })
     }
 
     /// A field from its coefficients, direct and indirect, by level.
@@ -296,10 +298,12 @@ impl Read for Encoded<Absolute> {
         if self.variant != Variant::Links {
             return interpolate(model, self.part(part), self.display, points);
         }
-        let gradients = if part == Part::Indirect { self.gradients(model) } else { None };
-        parallel::map(points.len(), ReadBuffers::default, |buffers, i| {
-            read_in_sight(model, (self.part(part), gradients), &points[i], buffers)
-        })
+        let (gradients, noise) = match part {
+            Part::Direct => (None, None),
+            Part::Indirect => (self.gradients(model), self.noise.as_ref()),
+        };
+        let field = FieldView { values: self.part(part), gradients, noise };
+        parallel::map(points.len(), ReadBuffers::default, |buffers, i| read_in_sight(model, field, &points[i], buffers))
     }
 }
 
@@ -319,7 +323,7 @@ fn interpolate<E: Sync>(
             let point = std::slice::from_ref(&points[i]);
             let coverage = reconstruction.reconstruct(model.basis, coefficients, n_levels, point, &mut value);
             let is_seen = coverage.nearest + coverage.uncovered == 0;
-            Reading { irradiance: value[0], spread: if is_seen { 0.0 } else { f32::INFINITY } }
+            Reading { irradiance: value[0], spread: if is_seen { 0.0 } else { f32::INFINITY }, noise: 0.0 }
         },
     )
 }

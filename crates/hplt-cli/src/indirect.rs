@@ -32,6 +32,8 @@ pub enum Gathered<'a> {
 pub struct Indirect {
     /// Indirect irradiance, W/m².
     pub irradiance: Vec<Rgb>,
+    /// What is known of its standard error, by luminance, W/m².
+    pub noise: Vec<f32>,
     /// How many of the points were gathered.
     pub n_gathered: usize,
 }
@@ -55,10 +57,11 @@ pub fn indirect_light(
         lit.field.gather(&lit.model(), settings.transport.sender_levels, points, options, progress)
     };
     let readings = match gathered {
-        Gathered::All => vec![Reading { irradiance: Rgb::ZERO, spread: f32::INFINITY }; points.len()],
+        Gathered::All => vec![Reading { irradiance: Rgb::ZERO, spread: f32::INFINITY, noise: 0.0 }; points.len()],
         _ => lit.field.indirect_at(&lit.model(), points),
     };
     let mut irradiance: Vec<Rgb> = readings.iter().map(|reading| reading.irradiance).collect();
+    let mut noise: Vec<f32> = readings.iter().map(|reading| reading.noise).collect();
     let scale = Scale::of(direct, &irradiance);
     let must_gather = |&i: &usize| match gathered {
         Gathered::All => true,
@@ -72,13 +75,15 @@ pub fn indirect_light(
     for n_rays in first_try.into_iter().chain([n_rays]) {
         let receivers: Vec<OrientedPoint> = pending.iter().map(|&i| points[i]).collect();
         let found = gather(&receivers, n_rays)?;
-        pending.iter().zip(&found).for_each(|(&i, found)| irradiance[i] = found.irradiance);
+        for (&i, found) in pending.iter().zip(&found) {
+            (irradiance[i], noise[i]) = (found.irradiance, luminance(found.noise));
+        }
         let scale = Scale::of(direct, &irradiance);
         let tolerance = SETTLED[usize::from(!matches!(gathered, Gathered::All))];
         let noisy = pending.iter().zip(&found).filter(|(i, found)| luminance(found.noise) > tolerance * scale.at(**i));
         pending = noisy.map(|(&i, _)| i).collect();
     }
-    Ok(Indirect { irradiance, n_gathered })
+    Ok(Indirect { irradiance, noise, n_gathered })
 }
 
 /// What errors are measured by.
@@ -113,7 +118,7 @@ mod tests {
 
     #[test]
     fn readings_are_doubted_by_their_spread_over_the_total_light() {
-        let reading = |irradiance: f32, spread| Reading { irradiance: Rgb::splat(irradiance), spread };
+        let reading = |irradiance: f32, spread| Reading { irradiance: Rgb::splat(irradiance), spread, noise: 0.0 };
         let readings =
             [reading(1.0, 0.2), reading(1.0, 0.4), reading(0.0, 0.001), reading(0.0, 0.1), reading(1.0, f32::INFINITY)];
         let doubts = |direct: f32| {

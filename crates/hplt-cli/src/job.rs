@@ -219,10 +219,10 @@ impl<'r> Run<'r> {
         let kept =
             by_group.then(|| self.stage("light by group", |_| Kept::of(&mut linked, keep, &options.solve, reporter)));
         let kept = kept.transpose()?;
-        let Linked { basis, direct, indirect, .. } = linked;
+        let Linked { basis, direct, indirect, noise, .. } = linked;
         self.report.enter_memory("points, trees, parents", basis.memory());
         self.report.enter_memory("regions", regions.memory());
-        let field = Field::linked(direct, indirect, settings.reconstruction);
+        let field = Field::linked(direct, (indirect, noise), settings.reconstruction);
         self.report.enter_memory("coefficients", field.memory());
         let is_cut_short = self.report.stop == "time-limit" || self.report.stop == "interrupted";
         let lit = Lit { scene, bvh, regions, basis, field, kept, is_cut_short };
@@ -244,14 +244,15 @@ impl<'r> Run<'r> {
             let lights = DirectLight::new(lit.scene, DirectOptions { seed, ..DirectOptions::measurement() });
             let direct = direct_irradiance(&lights, &lit.bvh, &points, Stage::Error, reporter)?;
             let gathered = (&Gathered::Doubtful(&|_| false), ERROR_RAYS);
-            let indirect = indirect_light((lit, settings), &points, &direct, gathered, reporter)?.irradiance;
+            let found = indirect_light((lit, settings), &points, &direct, gathered, reporter)?;
             let probe = ErrorProbe {
                 points: &points,
                 direct: &direct,
                 light: &lights,
                 n_rays: ERROR_RAYS,
                 seed,
-                indirect: &indirect,
+                indirect: &found.irradiance,
+                noise: &found.noise,
             };
             lit.field.error(&lit.model(), settings.transport.sender_levels, probe, reporter)
         });

@@ -127,6 +127,10 @@ pub struct BounceRow {
 pub struct ErrorRow {
     /// Mean relative error.
     pub mean: f64,
+    /// What of it the noise of rays explains, at most.
+    pub from_rays: f64,
+    /// The rest, in the square: what the functions cannot resolve.
+    pub from_functions: f64,
     /// What the mean is below, as far as chance goes, in 95 of 100 runs and more.
     pub bound: f64,
     /// 95th percentile of the relative error, noise of the measurement included.
@@ -163,7 +167,8 @@ impl From<&BounceReport> for BounceRow {
 
 impl From<ErrorEstimate> for ErrorRow {
     fn from(e: ErrorEstimate) -> Self {
-        Self { mean: e.mean, bound: e.bound, p95: e.p95, noise: e.noise, points: e.n_points }
+        let ErrorEstimate { mean, from_rays, from_functions, bound, p95, noise, n_points } = e;
+        Self { mean, from_rays, from_functions, bound, p95, noise, points: n_points }
     }
 }
 
@@ -320,8 +325,11 @@ impl RunReport {
         if let Some(e) = self.error {
             let _ = write!(
                 text,
-                "interpolated: {} mean ({} at most in 95 of 100 runs), {} at the 95th percentile of {} points",
+                "interpolated: {} mean ({} from rays, {} from functions; {} at most in 95 of 100 runs), {} at the 95th percentile of {} \
+                 points",
                 human_percent(e.mean),
+                human_percent(e.from_rays),
+                human_percent(e.from_functions),
                 human_percent(e.bound),
                 human_percent(e.p95),
                 e.points

@@ -165,7 +165,8 @@ impl<'s> DirectLight<'s> {
 /// of `stage`. Zero in dark regions.
 ///
 /// Few emitters: for each of uniform exitance the exact unoccluded irradiance (Lambert's polygon formula) times the visible
-/// fraction, a ratio estimator that is free of noise where nothing is in the way. Many: chosen by about what each brings. The sky: constant
+/// fraction. That is exact where `caster` knows what may be in the way ([`RayCaster::visit_blockers`]) and it is not much; else a ratio
+/// estimator that is free of noise where nothing is in the way. Many: chosen by about what each brings. The sky: constant
 /// by cosine-distributed rays; a map by the balance heuristic between those and its radiance.
 ///
 /// # Errors

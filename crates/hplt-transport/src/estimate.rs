@@ -13,6 +13,11 @@ const NORMAL_99: f64 = 2.326;
 pub struct ErrorEstimate {
     /// Mean over the points of `|found - gathered| / total`, the noise of the gather taken out in the square.
     pub mean: f64,
+    /// What of `mean` the noise that is known of what was found explains: rays of functions, and of points that were gathered. At most,
+    /// as that noise is an overestimate.
+    pub from_rays: f64,
+    /// The rest of `mean`, in the square: what the functions cannot resolve. Bounces left out are in neither.
+    pub from_functions: f64,
     /// What the mean error over the whole surface is below in 95 of 100 runs and more: the upper end of a one-sided interval of 99 %
     /// about the mean that was measured, in which the noise of the gather still is, and what is wrong everywhere alike, of which a
     /// gather over the same field shows only the share that is not reflected again. Infinite where no point receives direct light.
@@ -40,6 +45,8 @@ pub struct ErrorProbe<'a> {
     pub seed: u64,
     /// The indirect irradiance that is judged, at each point, W/m².
     pub indirect: &'a [Rgb],
+    /// What is known of its standard error there, by luminance, W/m²; 0 where nothing is.
+    pub noise: &'a [f32],
 }
 
 /// Measures what was found at points against gathers of fresh rays over `sender`, the indirect irradiance as gathers read it.
@@ -55,7 +62,7 @@ pub fn estimate_error<E>(
     probe: ErrorProbe<'_>,
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
-    let ErrorProbe { points, direct, light, n_rays, seed, indirect } = probe;
+    let ErrorProbe { points, direct, light, n_rays, seed, .. } = probe;
     let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: CONTACT };
     let fresh = final_gather(model, sender, points, options, progress)?;
     let total: Vec<f64> =
@@ -64,16 +71,20 @@ pub fn estimate_error<E>(
     let floor = 0.01 * total.iter().sum::<f64>() / n;
     let relative = |value: f32, i: usize| f64::from(value) / total[i].max(floor).max(f64::MIN_POSITIVE);
     let mut errors: Vec<f64> = (0..points.len())
-        .map(|i| relative((luminance(indirect[i]) - luminance(fresh[i].irradiance)).abs(), i))
+        .map(|i| relative((luminance(probe.indirect[i]) - luminance(fresh[i].irradiance)).abs(), i))
         .collect();
     let noise = (0..points.len()).map(|i| relative(luminance(fresh[i].noise), i)).sum::<f64>() / n;
     let measured = errors.iter().sum::<f64>() / n;
-    let common = common_error(indirect, &fresh, direct, n);
+    let common = common_error(probe.indirect, &fresh, direct, n);
     let bound = upper_end(&errors) + common;
     errors.sort_by(f64::total_cmp);
     let p95 = errors.get((errors.len() * 95) / 100).copied().unwrap_or(0.0);
     let mean = (measured * measured - noise * noise).max(0.0).sqrt();
-    Ok(ErrorEstimate { mean, bound, p95, noise, n_points: points.len() })
+    // The mean of what is normally distributed is less than its standard deviation.
+    let known = probe.noise.iter().enumerate().map(|(i, &noise)| relative(noise, i)).sum::<f64>() / n;
+    let from_rays = (known * (2.0 / std::f64::consts::PI).sqrt()).min(mean);
+    let from_functions = (mean * mean - from_rays * from_rays).sqrt();
+    Ok(ErrorEstimate { mean, from_rays, from_functions, bound, p95, noise, n_points: points.len() })
 }
 
 /// The upper end of the one-sided interval of 99 % about the mean of `values`.

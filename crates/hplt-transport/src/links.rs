@@ -92,6 +92,9 @@ pub struct Linked {
     pub direct: Coefficients<Absolute>,
     /// Indirect irradiance at the functions, all bounces, W/m².
     pub indirect: Coefficients<Absolute>,
+    /// The standard error of the indirect irradiance at each function by its own rays, from replicate groups of them, W/m². An
+    /// overestimate, as those groups are noisier than their share of all.
+    pub noise: Coefficients<Absolute>,
     /// The part of it that arrives by one bounce, by flat index, W/m²: the right-hand side.
     pub first_bounce: Vec<Rgb>,
     /// The transport operator on flat indices.
@@ -442,7 +445,7 @@ impl Linker<'_> {
     fn finish(self, is_cut_short: bool) -> Result<Linked, Error> {
         let links = self.operator();
         let (direct, indirect) = (self.coefficients(&self.state.direct), self.coefficients(&self.state.indirect));
-        let groups = self.groups();
+        let (groups, noise) = (self.groups(), self.coefficients(&self.state.noise));
         let Self { basis, state, levels, options, .. } = self;
         let report = LinkReport {
             levels,
@@ -454,7 +457,7 @@ impl Linker<'_> {
             solve: state.solve.expect("solved at least once"),
             is_cut_short,
         };
-        Ok(Linked { basis, direct, indirect, first_bounce: state.first_bounce, links, groups, report })
+        Ok(Linked { basis, direct, indirect, noise, first_bounce: state.first_bounce, links, groups, report })
     }
 
     fn groups(&self) -> Vec<GroupLight> {

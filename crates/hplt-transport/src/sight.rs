@@ -46,11 +46,24 @@ pub struct Reading {
     /// The weighted standard deviation of luminance between the functions that answered, W/m². Infinite where next to none were
     /// in sight, and in slits too narrow for them: then the value is a guess.
     pub spread: f32,
+    /// The standard error of luminance that comes from the rays of the functions, W/m²; 0 where that is not known.
+    pub noise: f32,
+}
+
+/// A field to read.
+#[derive(Debug, Clone, Copy)]
+pub struct FieldView<'a> {
+    /// Irradiance at the functions, W/m².
+    pub values: &'a Coefficients<Absolute>,
+    /// Of `values`, for a first-order reconstruction.
+    pub gradients: Option<&'a Gradients>,
+    /// Standard errors of `values` by the rays of each function.
+    pub noise: Option<&'a Coefficients<Absolute>>,
 }
 
 impl Reading {
     /// Exact black, in dark regions.
-    const DARK: Self = Self { irradiance: Rgb::ZERO, spread: 0.0 };
+    const DARK: Self = Self { irradiance: Rgb::ZERO, spread: 0.0, noise: 0.0 };
 
     /// Whether the functions that answered differ by more than `tolerance` of `total`, the total irradiance or more, W/m².
     pub fn is_doubtful(&self, tolerance: f32, total: f32) -> bool {
@@ -70,7 +83,7 @@ impl Reconstruction<Absolute> for LayeredInSight<'_> {
         let mut buffers = ReadBuffers::default();
         let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
         for (query, out) in queries.iter().zip(out) {
-            let field = (coefficients, self.gradients);
+            let field = FieldView { values: coefficients, gradients: self.gradients, noise: None };
             let reading = read_levels_in_sight((basis, self.caster), field, n_levels, query, &mut buffers);
             coverage.nearest += u64::from(reading.spread == f32::INFINITY);
             *out = reading.irradiance;
@@ -116,7 +129,7 @@ impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
 /// Reads the layered field of these coefficients at `query`, to first order with its gradients.
 pub fn read_in_sight(
     model: &Model<'_>,
-    field: (&Coefficients<Absolute>, Option<&Gradients>),
+    field: FieldView<'_>,
     query: &OrientedPoint,
     buffers: &mut ReadBuffers,
 ) -> Reading {
@@ -126,7 +139,7 @@ pub fn read_in_sight(
 
 fn read_levels_in_sight(
     (basis, caster): (&ShepardBasis, &dyn RayCaster),
-    (coefficients, gradients): (&Coefficients<Absolute>, Option<&Gradients>),
+    FieldView { values, gradients, noise }: FieldView<'_>,
     n_levels: usize,
     query: &OrientedPoint,
     buffers: &mut ReadBuffers,
@@ -136,10 +149,10 @@ fn read_levels_in_sight(
     }
     let ReadBuffers { expansion, layered } = buffers;
     let coverage = basis.expand(n_levels, query, expansion, layered);
-    let guess = |value| Reading { irradiance: value, spread: f32::INFINITY };
+    let guess = |value| Reading { irradiance: value, spread: f32::INFINITY, noise: 0.0 };
     let value = |w: &Weight| {
         let (level, i) = basis.level_of(w.function);
-        let value = coefficients.level(level)[i as usize];
+        let value = values.level(level)[i as usize];
         gradients.map_or(value, |g| g.value((level, i), &basis.points(level)[i as usize], value, query))
     };
     let all: Rgb = expansion.iter().map(|w| value(w) * w.weight).sum();
@@ -149,6 +162,13 @@ fn read_levels_in_sight(
     let spread_of = |expansion: &[Weight], mean: Rgb, share: f32| {
         let square = |w: &Weight| (luminance(value(w)) - luminance(mean)).powi(2) * w.weight;
         (expansion.iter().map(square).sum::<f32>() / share).sqrt()
+    };
+    let noise_of = |expansion: &[Weight], share: f32| {
+        let of = |w: &Weight, noise: &Coefficients<Absolute>| {
+            let (level, i) = basis.level_of(w.function);
+            (w.weight / share * luminance(noise.level(level)[i as usize])).powi(2)
+        };
+        noise.map_or(0.0, |noise| expansion.iter().map(|w| of(w, noise)).sum::<f32>().sqrt())
     };
     let sees = |w: &Weight| {
         let (level, i) = basis.level_of(w.function);
@@ -161,7 +181,7 @@ fn read_levels_in_sight(
     let spread = spread_of(expansion, all, 1.0);
     // Where all agree, one that is in sight is as good as all.
     if expansion.len() >= LEAST_FUNCTIONS && spread <= AGREEMENT * luminance(all) && first.is_some_and(sees) {
-        return Reading { irradiance: all, spread };
+        return Reading { irradiance: all, spread, noise: noise_of(expansion, 1.0) };
     }
     expansion.retain(sees);
     let share: f32 = expansion.iter().map(|w| w.weight).sum();
@@ -172,7 +192,7 @@ fn read_levels_in_sight(
     if share < LEAST_SHARE || expansion.len() < LEAST_FUNCTIONS {
         return guess(irradiance);
     }
-    Reading { irradiance, spread: spread_of(expansion, irradiance, share) }
+    Reading { irradiance, spread: spread_of(expansion, irradiance, share), noise: noise_of(expansion, share) }
 }
 
 /// Buffers of [`read_in_sight`].
