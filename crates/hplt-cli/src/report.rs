@@ -325,7 +325,7 @@ impl RunReport {
         if let Some(e) = self.error {
             let _ = write!(
                 text,
-                "interpolated: {} mean ({} from rays, {} from functions; {} at most in 95 of 100 runs), {} at the 95th percentile of {} \
+                "interpolated: {} mean ({} at most from rays, {} at least from functions; below {} in 95 of 100 runs), {} at the 95th percentile of {} \
                  points",
                 human_percent(e.mean),
                 human_percent(e.from_rays),

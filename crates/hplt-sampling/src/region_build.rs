@@ -27,6 +27,8 @@ const NEAREST_NEIGHBORS: usize = 2;
 /// Rays from all emissive surfaces together, and from each light without a surface.
 const EMISSION_RAYS: u32 = 8 << 10;
 const LIGHT_RAYS: u32 = 4096;
+/// Points on emissive surfaces that are kept: what sees one of them is not in the dark, whatever its neighbours are.
+const MAX_LAMPS: usize = 32;
 /// A dark component with fewer anchors than this may only be badly connected; nobody inherits from it.
 const MIN_DARK_COMPONENT: usize = 6;
 const STAGE: &str = "finding lit regions";
@@ -290,9 +292,12 @@ impl<'a> Builder<'a> {
             .collect();
         keep.sort_by_key(|&i| (morton_code(self.points[i].position), i));
         let points: Vec<Oriented> = keep.iter().map(|&i| self.points[i]).collect();
+        let anchors = Anchors::build(&points, self.reach);
+        let labels: Vec<RegionId> = keep.iter().map(|&i| labels[i]).collect();
         Regions {
-            anchors: Anchors::build(&points, self.reach),
-            labels: keep.iter().map(|&i| labels[i]).collect(),
+            lamps: lamps(self.scene, self.caster, (&anchors, &labels), self.seed),
+            anchors,
+            labels,
             n_regions,
             sky,
             n_rays: self.n_rays,
@@ -357,6 +362,25 @@ fn sky_is_lit(scene: &Scene) -> bool {
 
 fn emits(scene: &Scene, point: &SidePoint) -> bool {
     scene.material(point.triangle).exitance_at(point.is_front, point.uv).max_element() > 0.0
+}
+
+/// Some points on emissive surfaces whose region is known, which is lit.
+fn lamps(
+    scene: &Scene,
+    caster: &dyn RayCaster,
+    (anchors, labels): (&Anchors, &[RegionId]),
+    seed: u64,
+) -> Vec<(Oriented, RegionId)> {
+    let sampler = SideSampler::build(scene, |m, front| m.is_emissive() && m.emits.includes(front));
+    let stream = Stream::new(seed, Stage::Emission);
+    let n = if sampler.sides().is_empty() { 0 } else { MAX_LAMPS };
+    let lamp = |i: usize| {
+        let point = sampler.sample(scene, stream.words(i as u32, 0, 3)).filter(|p| emits(scene, p))?;
+        let point = Oriented { position: point.position, normal: point.normal };
+        let label = labels[anchors.join(caster, point, [3, 2, 2])? as usize];
+        (label != RegionId::DARK).then_some((point, label))
+    };
+    parallel::map(n, || (), |(), i| lamp(i)).into_iter().flatten().collect()
 }
 
 /// Points that emissive surfaces and lights at a position see.

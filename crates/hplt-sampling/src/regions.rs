@@ -37,6 +37,8 @@ const CHUNK: usize = 256;
 pub struct Regions {
     pub(crate) anchors: Anchors,
     pub(crate) labels: Vec<RegionId>,
+    /// Points on emissive surfaces, and the regions that they light.
+    pub(crate) lamps: Vec<(Oriented, RegionId)>,
     pub(crate) n_regions: u32,
     /// The region that is open to the sky, where the sky gives light.
     pub(crate) sky: Option<RegionId>,
@@ -113,7 +115,7 @@ impl Regions {
                 None => {}
             }
         }
-        RegionId::DARK
+        self.lamps.iter().find(|(lamp, _)| faces(caster, *lamp, point)).map_or(RegionId::DARK, |&(_, label)| label)
     }
 
     /// Goes with ray `k` of the sequence `scramble` from `point` to what it sees, and on from there, until it comes to where an
@@ -157,6 +159,12 @@ pub(crate) fn look(scene: &Scene, caster: &dyn RayCaster, point: Oriented, u: [f
 pub(crate) fn sees(caster: &dyn RayCaster, a: Oriented, b: Oriented) -> bool {
     let above = |p: Oriented| offset_origin(p.position, p.normal);
     !caster.is_occluded(hplt_geom::Ray::segment(above(a), above(b)))
+}
+
+/// Whether two points are in front of each other with nothing between.
+fn faces(caster: &dyn RayCaster, a: Oriented, b: Oriented) -> bool {
+    let offset = b.position - a.position;
+    a.normal.dot(offset) > 0.0 && b.normal.dot(offset) < 0.0 && sees(caster, a, b)
 }
 
 pub(crate) fn oriented(point: &SurfacePoint) -> Oriented {
@@ -240,5 +248,45 @@ impl Anchors {
     /// Whether there is a visible path between points `i` and `other`, at the slope with this number.
     pub(crate) fn are_joined(&self, caster: &dyn RayCaster, (i, other): (u32, u32), slope: usize) -> bool {
         is_joined(caster, self.get(i), self.get(other), SLOPES[slope])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use hplt_geom::{BuildPolicy, Bvh, BvhOptions, Material, MeshInput, NoProgress, Rgb, SceneBuilder};
+
+    use super::*;
+
+    /// A floor and a lamp over it that looks down.
+    fn lit_floor() -> Scene {
+        let mut builder = SceneBuilder::new();
+        let grey = builder.push_material(Material::diffuse("grey", Rgb::splat(0.5)));
+        let lamp = builder.push_material(Material::emitter("lamp", Rgb::ZERO, Rgb::ONE));
+        let floor = [[-1.0, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 0.0]].map(DVec3::from);
+        let ceiling = [[-1.0, 1.0, -1.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 1.0]].map(DVec3::from);
+        for (name, positions, material) in [("floor", &floor, grey), ("lamp", &ceiling, lamp)] {
+            let triangles = [[0, 1, 2]];
+            builder
+                .push_mesh(MeshInput { name, positions, normals: &[], uvs: &[], triangles: &triangles, material })
+                .unwrap();
+        }
+        builder.build(BuildPolicy::default()).unwrap().0
+    }
+
+    /// Even where every neighbour is called dark.
+    #[test]
+    fn what_a_lamp_shines_on_is_lit() {
+        let scene = lit_floor();
+        let bvh = Bvh::build(&scene, BvhOptions::fast()).0;
+        let mut regions = Regions::build(&scene, &bvh, 1, &NoProgress).unwrap();
+        let at = |height: f32| (Vec3::new(-0.2, scene.mesh().positions()[0].y, 0.0), Vec3::Y * height);
+        let labels = |regions: &Regions| regions.locate(&scene, &bvh, &[at(1.0), at(-1.0)]);
+        let lit = labels(&regions)[0];
+        assert_ne!(lit, RegionId::DARK);
+        regions.labels.fill(RegionId::DARK);
+        assert_eq!(labels(&regions), [lit, RegionId::DARK]);
+        regions.lamps.clear();
+        assert_eq!(labels(&regions), [RegionId::DARK; 2]);
     }
 }

@@ -2,7 +2,7 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{CONTACT, DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_gather};
+use crate::{CONTACT, DirectLight, FinalGatherOptions, Model, Sender, final_gather};
 
 /// The 99th percentile of the normal distribution.
 const NORMAL_99: f64 = 2.326;
@@ -24,7 +24,7 @@ pub struct ErrorEstimate {
     pub bound: f64,
     /// The 95th percentile over the points; includes the noise of the gather.
     pub p95: f64,
-    /// Mean standard error of the gathers that this was measured with.
+    /// Mean relative error by noise of the gathers that this was measured with: half of what two halves of their rays differ by.
     pub noise: f64,
     /// How many points.
     pub n_points: usize,
@@ -39,7 +39,7 @@ pub struct ErrorProbe<'a> {
     pub direct: &'a [Rgb],
     /// Sampled where the rays land.
     pub light: &'a DirectLight<'a>,
-    /// Fresh rays per point; a power of two.
+    /// Fresh rays per point; a power of two, at least 16. Two independent halves are gathered, which tells their noise.
     pub n_rays: u32,
     /// Seed of the rays.
     pub seed: u64,
@@ -64,16 +64,20 @@ pub fn estimate_error<E>(
 ) -> Result<ErrorEstimate, Interrupted> {
     let ErrorProbe { points, direct, light, n_rays, seed, .. } = probe;
     let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: CONTACT };
-    let fresh = final_gather(model, sender, points, options, progress)?;
-    let total: Vec<f64> =
-        fresh.iter().zip(direct).map(|(g, d)| f64::from(luminance(g.irradiance) + luminance(*d))).collect();
+    let twice = [points, points].concat();
+    let halves = final_gather(model, sender, &twice, FinalGatherOptions { n_rays: n_rays / 2, ..options }, progress)?;
+    let (some, others) = halves.split_at(points.len());
+    let fresh: Vec<Rgb> = some.iter().zip(others).map(|(a, b)| 0.5 * (a.irradiance + b.irradiance)).collect();
+    let total: Vec<f64> = fresh.iter().zip(direct).map(|(g, d)| f64::from(luminance(*g) + luminance(*d))).collect();
     let n = points.len().max(1) as f64;
     let floor = 0.01 * total.iter().sum::<f64>() / n;
     let relative = |value: f32, i: usize| f64::from(value) / total[i].max(floor).max(f64::MIN_POSITIVE);
     let mut errors: Vec<f64> = (0..points.len())
-        .map(|i| relative((luminance(probe.indirect[i]) - luminance(fresh[i].irradiance)).abs(), i))
+        .map(|i| relative((luminance(probe.indirect[i]) - luminance(fresh[i])).abs(), i))
         .collect();
-    let noise = (0..points.len()).map(|i| relative(luminance(fresh[i].noise), i)).sum::<f64>() / n;
+    // Half the difference of two halves is as large on average as the error of their mean.
+    let half = |i: usize| 0.5 * (luminance(some[i].irradiance) - luminance(others[i].irradiance)).abs();
+    let noise = (0..points.len()).map(|i| relative(half(i), i)).sum::<f64>() / n;
     let measured = errors.iter().sum::<f64>() / n;
     let common = common_error(probe.indirect, &fresh, direct, n);
     let bound = upper_end(&errors) + common;
@@ -97,15 +101,15 @@ fn upper_end(values: &[f64]) -> f64 {
 
 /// The relative error that all points may have in common beyond what the gathers show. An error `e` of the whole field changes what
 /// is gathered from it by `ρe`, so that only `(1-ρ)e` is seen; `1-ρ` is the direct part of all light.
-fn common_error(indirect: &[Rgb], fresh: &[FinalGather], direct: &[Rgb], n: f64) -> f64 {
+fn common_error(indirect: &[Rgb], fresh: &[Rgb], direct: &[Rgb], n: f64) -> f64 {
     let sum = |values: &mut dyn Iterator<Item = f32>| values.map(f64::from).sum::<f64>();
     let arrives = sum(&mut direct.iter().map(|d| luminance(*d)));
-    let all = arrives + sum(&mut fresh.iter().map(|g| luminance(g.irradiance)));
+    let all = arrives + sum(&mut fresh.iter().map(|g| luminance(*g)));
     if all <= 0.0 {
         return 0.0;
     }
     let differences: Vec<f64> =
-        indirect.iter().zip(fresh).map(|(i, g)| f64::from(luminance(*i) - luminance(g.irradiance)) * n / all).collect();
+        indirect.iter().zip(fresh).map(|(i, g)| f64::from(luminance(*i) - luminance(*g)) * n / all).collect();
     let negated: Vec<f64> = differences.iter().map(|d| -d).collect();
     upper_end(&differences).max(upper_end(&negated)) * (all / arrives - 1.0)
 }
