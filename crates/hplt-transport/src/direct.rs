@@ -30,6 +30,11 @@ pub enum DirectEstimator {
 /// Shadow rays to an emitter after which a point that sees all of it, or nothing, needs no more.
 const ENOUGH_TO_TELL: u32 = 128;
 
+/// Triangles in the way of an emitter that are cut out of it, at least, rather than sampled around.
+const LEAST_BLOCKERS: usize = 12;
+/// One more for so many shadow rays that would be cast instead.
+const RAYS_PER_BLOCKER: u32 = 16;
+
 /// How direct light is sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DirectOptions {
@@ -296,6 +301,11 @@ struct PointSampler<'a> {
 }
 
 impl PointSampler<'_> {
+    /// Cutting one triangle out takes about as long as this many rays take.
+    fn max_blockers(&self) -> usize {
+        LEAST_BLOCKERS + (self.light.options.light_samples / RAYS_PER_BLOCKER) as usize
+    }
+
     fn segment_to(&self, emitter: &Emitter, target: Vec3) -> Ray {
         Ray::segment(self.origin, offset_origin(target, emitter.normal))
     }
@@ -306,7 +316,7 @@ impl PointSampler<'_> {
             return DVec3::ZERO;
         }
         if let Some(exitance) = emitter.uniform_exitance
-            && let Some(fraction) = shadows.visible.fraction(caster, self.point, emitter)
+            && let Some(fraction) = shadows.visible.fraction(caster, self.point, emitter, self.max_blockers())
         {
             return exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction);
         }

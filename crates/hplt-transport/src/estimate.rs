@@ -72,9 +72,8 @@ pub fn estimate_error<E>(
     let n = points.len().max(1) as f64;
     let floor = 0.01 * total.iter().sum::<f64>() / n;
     let relative = |value: f32, i: usize| f64::from(value) / total[i].max(floor).max(f64::MIN_POSITIVE);
-    let mut errors: Vec<f64> = (0..points.len())
-        .map(|i| relative((luminance(probe.indirect[i]) - luminance(fresh[i])).abs(), i))
-        .collect();
+    let mut errors: Vec<f64> =
+        (0..points.len()).map(|i| relative((luminance(probe.indirect[i]) - luminance(fresh[i])).abs(), i)).collect();
     // Half the difference of two halves is as large on average as the error of their mean.
     let half = |i: usize| 0.5 * (luminance(some[i].irradiance) - luminance(others[i].irradiance)).abs();
     let noise = (0..points.len()).map(|i| relative(half(i), i)).sum::<f64>() / n;

@@ -8,8 +8,6 @@ use hplt_geom::{Blocker, OrientedPoint, RayCaster, Shaft, offset_origin};
 
 use crate::emitters::Emitter;
 
-/// Triangles in the way after which rays are cheaper.
-const MAX_BLOCKERS: usize = 64;
 /// Pieces after which rays are cheaper.
 const MAX_PIECES: usize = 48;
 
@@ -21,6 +19,7 @@ const NEAR: f32 = 0.8;
 pub(crate) struct Visible {
     corners: Vec<DVec3>,
     pieces: Vec<Range<usize>>,
+    blockers: Vec<[Vec3; 3]>,
     /// Of the step before, while blockers are cut out.
     before: (Vec<DVec3>, Vec<Range<usize>>),
     /// One piece on its way through the planes of a blocker.
@@ -30,11 +29,17 @@ pub(crate) struct Visible {
 }
 
 impl Visible {
-    /// The visible fraction of the irradiance at `point` from `emitter`, which is the same all over. `None` where too much is in the
-    /// way, or something with holes in it, where the two are so near that rounding matters, and where only rays can tell.
+    /// The visible fraction of the irradiance at `point` from `emitter`, which is the same all over. `None` where more than
+    /// `max_blockers` triangles may be in the way, or something with holes in it, where the two are so near that rounding matters, and where only rays can tell.
     ///
     /// The emitter minus the shadow volume of every blocker, as polygons; each remaining piece by Lambert's formula.
-    pub fn fraction(&mut self, caster: &dyn RayCaster, point: &OrientedPoint, emitter: &Emitter) -> Option<f64> {
+    pub fn fraction(
+        &mut self,
+        caster: &dyn RayCaster,
+        point: &OrientedPoint,
+        emitter: &Emitter,
+        max_blockers: usize,
+    ) -> Option<f64> {
         let OrientedPoint { position, normal, .. } = *point;
         let origin = offset_origin(position, normal);
         let corners = emitter.corners.map(|corner| offset_origin(corner, emitter.normal));
@@ -53,19 +58,18 @@ impl Visible {
         shaft.cut(origin, normal);
         shaft.cut(corners[0], emitter.normal);
         let all = self.form_factor(normal);
-        let (mut n_blockers, mut is_told) = (0, true);
-        let mut cut_out = |blocker: &Blocker| {
-            n_blockers += 1;
-            is_told = !blocker.is_masked && n_blockers <= MAX_BLOCKERS && self.pieces.len() <= MAX_PIECES;
-            if !is_told {
-                return ControlFlow::Break(());
+        let mut blockers = std::mem::take(&mut self.blockers);
+        let is_told = collect(caster, &shaft, max_blockers, &mut blockers);
+        for triangle in &blockers {
+            if !is_told || self.pieces.is_empty() || self.pieces.len() > MAX_PIECES {
+                break;
             }
-            self.cut_out(blocker.corners.map(|corner| corner.as_dvec3() - eye));
-            if self.pieces.is_empty() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        let is_able = caster.visit_blockers(&shaft, &mut cut_out);
-        (is_able && is_told)
-            .then(|| if n_blockers == 0 { 1.0 } else { (self.form_factor(normal) / all).clamp(0.0, 1.0) })
+            self.cut_out(triangle.map(|corner| corner.as_dvec3() - eye));
+        }
+        let is_whole = blockers.is_empty();
+        self.blockers = blockers;
+        let fraction = || if is_whole { 1.0 } else { (self.form_factor(normal) / all).clamp(0.0, 1.0) };
+        (is_told && self.pieces.len() <= MAX_PIECES).then(fraction)
     }
 
     /// All of a triangle above the horizon.
@@ -132,6 +136,22 @@ impl Visible {
     }
 }
 
+/// Replaces `blockers` by what may be in a shaft; `false` where that cannot be told, has holes, or is more than `limit`.
+fn collect(caster: &dyn RayCaster, shaft: &Shaft, limit: usize, blockers: &mut Vec<[Vec3; 3]>) -> bool {
+    blockers.clear();
+    let mut is_told = true;
+    let mut push = |blocker: &Blocker| {
+        is_told = !blocker.is_masked && blockers.len() < limit;
+        if !is_told {
+            return ControlFlow::Break(());
+        }
+        blockers.push(blocker.corners);
+        ControlFlow::Continue(())
+    };
+    let is_able = caster.visit_blockers(shaft, &mut push);
+    is_able && is_told
+}
+
 /// Whether point and emitter are still on the right sides of each other, and about as far as before, after both were moved off their
 /// surfaces; `origin` and `corners` are what was moved.
 fn is_far_off((position, origin, normal): (Vec3, Vec3, Vec3), emitter: &Emitter, corners: [Vec3; 3]) -> bool {
@@ -194,6 +214,8 @@ mod tests {
 
     use super::*;
 
+    const LIMIT: usize = 40;
+
     /// Casts no rays: visits triangles of a list.
     struct Listed<'a>(&'a [Blocker]);
 
@@ -233,7 +255,7 @@ mod tests {
 
     fn fraction(blockers: &[Blocker], normal: Vec3) -> Option<f64> {
         let point = OrientedPoint::new(Vec3::ZERO, normal, RegionId(0));
-        Visible::default().fraction(&Listed(blockers), &point, &lamp())
+        Visible::default().fraction(&Listed(blockers), &point, &lamp(), LIMIT)
     }
 
     /// A triangle at half the height and as large as a square of that side, over or beside the middle of the lamp.
@@ -284,7 +306,7 @@ mod tests {
     #[test]
     fn a_lamp_as_near_as_rounding_is_left_to_rays() {
         let at = |z: f32| OrientedPoint::new(Vec3::new(-0.5, -0.5, z), Vec3::Z, RegionId(0));
-        let fraction = |z: f32| Visible::default().fraction(&Listed(&[]), &at(z), &lamp());
+        let fraction = |z: f32| Visible::default().fraction(&Listed(&[]), &at(z), &lamp(), LIMIT);
         assert_eq!((fraction(0.99), fraction(1.0 - 3e-5)), (Some(1.0), None));
     }
 
@@ -297,6 +319,6 @@ mod tests {
             (0..n).flat_map(|i| plate([x(i), x(i) + 0.1 / n as f32], [-2.0, 2.0])).collect()
         };
         assert!(fraction(&strips(8), Vec3::Z).is_some());
-        assert_eq!(fraction(&strips(MAX_BLOCKERS), Vec3::Z), None);
+        assert_eq!(fraction(&strips(LIMIT), Vec3::Z), None);
     }
 }

@@ -38,17 +38,17 @@ fn boxes_in(node: &Node, shaft: &Shaft) -> u32 {
     let mut is_in = [true; WIDTH];
     let (min, max) = (shaft.min.to_array(), shaft.max.to_array());
     for axis in 0..3 {
-        for lane in 0..WIDTH {
-            is_in[lane] &= (node.planes[axis][lane] <= max[axis]) & (node.planes[axis + 3][lane] >= min[axis]);
+        for (lane, is_in) in is_in.iter_mut().enumerate() {
+            *is_in &= (node.planes[axis][lane] <= max[axis]) & (node.planes[axis + 3][lane] >= min[axis]);
         }
     }
     for (normal, offset) in shaft.planes() {
         // The corner of each box that is farthest inwards.
         let normal = normal.to_array();
         let [x, y, z] = std::array::from_fn(|axis| &node.planes[if normal[axis] > 0.0 { axis + 3 } else { axis }]);
-        for lane in 0..WIDTH {
+        for (lane, is_in) in is_in.iter_mut().enumerate() {
             let height = x[lane] * normal[0] + y[lane] * normal[1] + z[lane] * normal[2] + offset;
-            is_in[lane] &= height >= 0.0;
+            *is_in &= height >= 0.0;
         }
     }
     bits(is_in)
@@ -61,22 +61,20 @@ fn triangles_in(packet: &Packet, shaft: &Shaft) -> u32 {
     let (min, max) = (shaft.min.to_array(), shaft.max.to_array());
     for axis in 0..3 {
         let [a, b, c] = std::array::from_fn(|corner| &rows[corner][axis]);
-        for lane in 0..Packet::LANES {
+        for (lane, is_in) in is_in.iter_mut().enumerate() {
             let (low, high) = (a[lane].min(b[lane]).min(c[lane]), a[lane].max(b[lane]).max(c[lane]));
-            is_in[lane] &= (low <= max[axis]) & (high >= min[axis]);
+            *is_in &= (low <= max[axis]) & (high >= min[axis]);
         }
     }
     for (normal, offset) in shaft.planes() {
         let mut highest = [f32::NEG_INFINITY; Packet::LANES];
         for [x, y, z] in rows {
-            for lane in 0..Packet::LANES {
+            for (lane, highest) in highest.iter_mut().enumerate() {
                 let height = x[lane] * normal.x + y[lane] * normal.y + z[lane] * normal.z + offset;
-                highest[lane] = highest[lane].max(height);
+                *highest = highest.max(height);
             }
         }
-        for lane in 0..Packet::LANES {
-            is_in[lane] &= highest[lane] >= 0.0;
-        }
+        is_in.iter_mut().zip(highest).for_each(|(is_in, highest)| *is_in &= highest >= 0.0);
     }
     bits(is_in)
 }
