@@ -258,6 +258,14 @@ impl Solved {
     }
 }
 
+/// The most bytes of memory that this process ever had, where the system says so.
+pub fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes: u64 = peak.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kilobytes << 10)
+}
+
 /// The path of a big scene file below the folder that `HPLT_SCENES` names, or `../shared/scenes` beside the checkout. `None`
 /// is logged, so that `cargo xtask test` can count what was skipped.
 pub fn big_scene(relative: &str) -> Option<PathBuf> {

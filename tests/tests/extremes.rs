@@ -225,23 +225,43 @@ fn d18_a_gap_leaks_and_is_counted() {
     assert!((3e-4..1.5e-3).contains(&narrow) && (3e-3..1.5e-2).contains(&wide), "{narrow:e} {wide:e}");
 }
 
-/// D23: a triangle a kilometre wide among many of a millimetre: no explosion of points, and they are lit.
-#[test]
-fn d23_a_kilometre_among_millimetres() {
+/// A triangle a kilometre wide, and above it `n` of a millimetre, a centimetre apart, under the sun.
+fn crumbs_over_a_kilometre(n: u32) -> Scene {
     let mut builder = SceneBuilder::new();
     let ground = builder.push_material(Material::diffuse("ground", Rgb::splat(0.5)));
     Shape::new()
         .triangle([DVec3::new(-500.0, 0.0, -500.0), DVec3::new(0.0, 0.0, 500.0), DVec3::new(500.0, 0.0, -500.0)])
         .push_into(&mut builder, "ground", ground);
+    let across = f64::from(n).sqrt().ceil() as u32;
     let mut crumbs = Shape::new();
-    for i in 0..5000 {
-        let at = DVec3::new(f64::from(i % 71), 1.0, f64::from(i / 71)) * 0.01;
+    for i in 0..n {
+        let at = DVec3::new(f64::from(i % across), 100.0, f64::from(i / across)) * 0.01;
         crumbs.triangle([at, at + DVec3::Z * 1e-3, at + DVec3::X * 1e-3]);
     }
     crumbs.push_into(&mut builder, "crumbs", ground);
     builder.push_directional_light("sun", Vec3::Y, Rgb::ONE, 0.0);
-    let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 2, ..Setup::default() });
-    assert!(prepared.basis.hierarchy().n_points() < 100_000, "{}", prepared.basis.hierarchy().n_points());
+    scenes::build(builder)
+}
+
+/// D23: a triangle a kilometre wide among many of a millimetre: no explosion of points, and they are lit.
+#[test]
+fn d23_a_kilometre_among_millimetres() {
+    assert_crumbs_are_lit(5000, 100_000);
+}
+
+/// D23 at its full size. Every crumb is a component of its own and has a function on each side that light reaches, whatever the radius:
+/// functions grow with the crumbs, and not with the square of the kilometre over the millimetre.
+#[test]
+#[ignore = "slow: a million crumbs"]
+fn d23_a_kilometre_among_a_million_millimetres() {
+    assert_crumbs_are_lit(1_000_000, 5_000_000);
+}
+
+fn assert_crumbs_are_lit(n: u32, most_functions: usize) {
+    let prepared = Prepared::new(crumbs_over_a_kilometre(n), Setup { n_levels: 2, ..Setup::default() });
+    let n_functions = prepared.basis.hierarchy().n_points();
+    println!("{n} crumbs: {n_functions} functions, at most {:?} MiB", hplt_tests::peak_memory().map(|b| b >> 20));
+    assert!(n_functions < most_functions, "{n_functions}");
     let up = prepared.locate_world(&[(DVec3::new(2e-4, 1.0, 2e-4), Vec3::Y)]);
     assert!((prepared.direct_at(&up)[0].x - 1.0).abs() < 1e-6);
 }
@@ -270,6 +290,52 @@ fn e1_e2_e3_radii_beyond_reason() {
     }
 }
 
+/// E6: more points, functions or links than 32 bits can number are refused before anything is allocated, whatever limit the caller
+/// raises, and sums of bytes do not wrap. (Cells of a grid are at most 2¹⁶ across, since finer radii are refused.)
+#[test]
+fn e6_counts_beyond_32_bits_are_refused() {
+    use hplt::geom::NoProgress;
+    use hplt::sampling::{Error, HierarchyOptions, Radius, poisson_hierarchy};
+    use hplt::transport::{DirectLight, DirectOptions, LinkOptions, SparseRows, transport_links};
+    let scene = scenes::build(scenes::furnace_box(Rgb::splat(0.5), Rgb::ONE));
+    let (bvh, _) = Bvh::build(&scene, BvhOptions::default());
+    let before = hplt_tests::peak_memory();
+    for radius in [1e-5, 1e-6, 1e-12, 1e-300, f64::MIN_POSITIVE] {
+        let options = HierarchyOptions {
+            n_levels: 1,
+            coarsest_radius: Radius::World(radius),
+            max_points: u64::MAX,
+            ..HierarchyOptions::production()
+        };
+        let error = poisson_hierarchy(&scene, &bvh, &options, &NoProgress).err();
+        // The estimate saturates where it does not fit in 64 bits.
+        let Some(Error::TooManyPoints { estimate, bytes, .. }) = error else { panic!("radius {radius}: {error:?}") };
+        assert!(estimate > 1 << 32 && bytes >= estimate, "radius {radius}: {estimate} points, {bytes} bytes");
+        assert!(radius > 1e-11 || estimate == u64::MAX, "{estimate}");
+    }
+    let coarse = Setup { n_levels: 1, ..Setup::default() };
+    let prepared = Prepared::new(scene.clone(), coarse);
+    let light = DirectLight::new(&scene, DirectOptions::projection());
+    for max_functions in [0, (1 << 25) + 1, 1 << 33, usize::MAX] {
+        let options = LinkOptions { max_functions, ..LinkOptions::production() };
+        let points = prepared.basis.hierarchy().clone();
+        let error = transport_links(&scene, &bvh, points, &light, &options, &NoProgress).unwrap_err().to_string();
+        assert!(error.contains("max_functions"), "{error}");
+    }
+    // Where no more functions may come, none do, not even those of the second level, which is everywhere otherwise.
+    let n = prepared.basis.n_functions(0);
+    let linked = prepared.link(&LinkOptions { max_functions: n, n_levels: 3, ..LinkOptions::production() });
+    assert_eq!((linked.basis.n_levels(), linked.basis.n_functions(0)), (1, n));
+    // Links are counted in 64 bits; functions in 32, and more are refused.
+    let links = 3usize << 32;
+    assert!(SparseRows::memory_of(1 << 20, links) > 8 * links);
+    assert!(std::panic::catch_unwind(|| SparseRows::new(1 << 32)).is_err());
+    if let (Some(before), Some(after)) = (before, hplt_tests::peak_memory()) {
+        // Other tests may run beside this one; four thousand million points of 48 bytes they do not take.
+        assert!(after - before < 8 << 30, "{before} {after}");
+    }
+}
+
 /// D22: ten million triangles: the furnace is exact, the BVH within 90 bytes a triangle, as the command estimates.
 #[test]
 #[ignore = "slow: ten million triangles"]
@@ -289,8 +355,10 @@ fn d22_ten_million_triangles() {
     assert!(n_triangles >= 10_000_000, "{n_triangles}");
     let (_, report) = Bvh::build(&scene, BvhOptions::default());
     println!("{n_triangles} triangles: {} bytes each", report.memory as f64 / n_triangles as f64);
+    println!("at most {:?} MiB after the BVH", hplt_tests::peak_memory().map(|b| b >> 20));
     assert!(report.memory as f64 <= 1.1 * 90.0 * n_triangles as f64, "{report:?}");
     assert_furnace("ten million triangles", scene, 2.0);
+    println!("at most {:?} MiB in all", hplt_tests::peak_memory().map(|b| b >> 20));
 }
 
 fn room_faces() -> Vec<[DVec3; 4]> {

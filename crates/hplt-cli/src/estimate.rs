@@ -4,17 +4,36 @@ use hplt_geom::{Scene, TriangleId};
 use serde::Serialize;
 
 use crate::kept::Keep;
+use crate::sections::{ReconstructionName, Variant};
 use crate::settings::Settings;
 use crate::values::{Radius, human_bytes};
 
 /// Points of a maximal random set per area over `r²`.
 const POINTS_PER_AREA: f64 = 0.7;
+/// Bytes of the program itself, threads and their buffers included.
+const PROGRAM_BYTES: u64 = 12 << 20;
 /// Bytes per function: point, kd-tree, parents and children, coefficients of a solve in progress.
 const BYTES_PER_POINT: f64 = 320.0;
-/// Bytes per candidate point while a hierarchy is made, times candidates per point of the finest level.
-const BYTES_OF_CANDIDATES: f64 = 5.0 * 40.0;
+/// Bytes per candidate point while a hierarchy is made, times candidates per point of the finest level: five, and half as many
+/// again where the first leave gaps.
+const BYTES_OF_CANDIDATES: f64 = 7.5 * 40.0;
+/// Bytes per function of the finest level while it is placed around those of the level before: of four one is refined, and has 64
+/// candidates, twice.
+const BYTES_OF_REFINING: f64 = 64.0 * 60.0 * 2.0 / 4.0;
+/// Bytes per link: in the rows that levels are added to, and in the operator made from them.
+const BYTES_PER_LINK: f64 = 16.0 + 8.0;
+/// Share of the functions of a whole level that links make on levels from the third on, where light has detail; each level after it
+/// has this share of that share.
+const REFINED_SHARE: [f64; 2] = [0.5, 0.6];
+/// Rays of which half meet a function that another ray of the same receiver has met.
+const RAYS_OF_FEW_LINKS: f64 = 700.0;
+/// Links per ray where all functions around are linked.
+const SHEPARD_LINKS: f64 = 10.0;
 /// Bytes of the BVH per triangle.
 const BVH_BYTES_PER_TRIANGLE: f64 = 90.0;
+/// Bytes per triangle, the BVH included, while it is built and its triangles are put together to surfaces; what an allocator keeps
+/// of memory given back counts.
+const BUILDING_BYTES_PER_TRIANGLE: f64 = 480.0;
 /// Rays per second and thread that a solve gets through, all else included; a guess that a scene may miss by a factor of 3.
 const RAYS_PER_SECOND: f64 = 4e5;
 /// Share of the functions that are gathered in all bounces together.
@@ -57,17 +76,30 @@ impl Estimate {
             .collect();
         let n = points_per_level.iter().map(|&n| n as f64).sum::<f64>();
         let finest = points_per_level.last().copied().unwrap_or(0) as f64;
+        let rays_per_function = f64::from(settings.transport.n_rays);
+        let (points, links) = match settings.variant {
+            Variant::Links => bytes_of_links(&points_per_level, settings),
+            _ => (n * BYTES_PER_POINT + finest * BYTES_OF_CANDIDATES, 0.0),
+        };
+        let n_triangles = mesh.n_triangles() as f64;
+        let bvh = BVH_BYTES_PER_TRIANGLE * n_triangles;
+        // What building takes in passing serves the points afterwards.
+        let building = (BUILDING_BYTES_PER_TRIANGLE * n_triangles - bvh - points - links).max(0.0);
+        let (geometry, textures) = (mesh.memory() as u64, scene.texture_memory() as u64);
+        let loaded = memory_in_use().map_or(0, |now| now.saturating_sub(geometry + textures));
         let parts = vec![
-            ("geometry", mesh.memory() as u64),
-            ("textures", scene.texture_memory() as u64),
-            ("bvh", (BVH_BYTES_PER_TRIANGLE * mesh.n_triangles() as f64) as u64),
-            ("points", (n * BYTES_PER_POINT + finest * BYTES_OF_CANDIDATES) as u64),
+            ("program", PROGRAM_BYTES.max(loaded)),
+            ("geometry", geometry),
+            ("textures", textures),
+            ("bvh", bvh as u64),
+            ("building the bvh", building as u64),
+            ("points", points as u64),
+            ("links", links as u64),
         ];
         let threads = settings.config.run.threads.unwrap_or_else(available_threads) as f64;
         let gathers = GATHERED_SHARE * n * f64::from(settings.transport.n_rays);
         let shadow_rays = finest * 32.0;
         let seconds = (gathers + shadow_rays) / (RAYS_PER_SECOND * threads);
-        let rays_per_function = f64::from(settings.transport.n_rays);
         Self { points_per_level, parts, seconds, rays_per_function }
     }
 
@@ -76,9 +108,9 @@ impl Estimate {
         self.points_per_level.iter().fold(0, |sum: u64, &n| sum.saturating_add(n))
     }
 
-    /// Bytes of all parts.
+    /// Bytes of all parts: the most that is in use at any time.
     pub fn memory(&self) -> u64 {
-        self.parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.1))
+        self.parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.1)).max(most_memory_in_use().unwrap_or(0))
     }
 
     /// Bytes of a solution file for what it keeps of links and groups of lights.
@@ -94,6 +126,22 @@ impl Estimate {
     }
 }
 
+/// Bytes of functions and of links, where the first two levels are everywhere and the others where light has detail.
+fn bytes_of_links(points_per_level: &[u64], settings: &Settings) -> (f64, f64) {
+    let [of_third, of_next] = REFINED_SHARE;
+    let share = |level: usize| if level < 2 { 1.0 } else { of_third * of_next.powi(level as i32 - 2) };
+    let functions: Vec<f64> = points_per_level.iter().enumerate().map(|(level, &n)| n as f64 * share(level)).collect();
+    let [coarsest, finest] = [functions.first(), functions.last()].map(|n| n.copied().unwrap_or(0.0));
+    let n = functions.iter().sum::<f64>();
+    let rays = f64::from(settings.transport.n_rays);
+    let per_function = match settings.reconstruction {
+        ReconstructionName::Nearest => rays / (1.0 + rays / RAYS_OF_FEW_LINKS),
+        ReconstructionName::Shepard => SHEPARD_LINKS * rays,
+    };
+    let placing = (coarsest * BYTES_OF_CANDIDATES).max(finest * BYTES_OF_REFINING);
+    (n * BYTES_PER_POINT + placing, n * per_function * BYTES_PER_LINK)
+}
+
 /// Threads that the machine can run at once.
 pub fn available_threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
@@ -101,8 +149,23 @@ pub fn available_threads() -> usize {
 
 /// Bytes of memory that the system could give, where it says so.
 pub fn available_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    kilobytes("/proc/meminfo", "MemAvailable:")
+}
+
+/// Bytes of memory that this process has now, where the system says so.
+fn memory_in_use() -> Option<u64> {
+    kilobytes("/proc/self/status", "VmRSS:")
+}
+
+/// The most that it ever had: reading a file may take more than lighting what it holds.
+fn most_memory_in_use() -> Option<u64> {
+    kilobytes("/proc/self/status", "VmHWM:")
+}
+
+/// Bytes from a line `label 123 kB` of a file.
+fn kilobytes(file: &str, label: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(file).ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix(label))?;
     let kilobytes: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
     Some(kilobytes.saturating_mul(1024))
 }

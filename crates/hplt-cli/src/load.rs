@@ -11,7 +11,10 @@ use crate::builtin;
 use crate::exit::{Exit, Failure};
 use crate::lights::add_lights;
 use crate::settings::Settings;
+use crate::values::Radius;
 
+/// Vertices rounded to more than the finest radius over this are warned of.
+const SHARE_OF_RADIUS: f64 = 16.0;
 /// Starts the name of a room with the mesh of a file.
 const ROOM_WITH: &str = "room-with=";
 
@@ -53,7 +56,10 @@ pub fn load(name: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
     warnings.extend(build_warnings(&built));
     let mut left_out = loaded.left_out.clone();
     match &scene {
-        Some(scene) => left_out.extend(not_needed(scene)),
+        Some(scene) => {
+            left_out.extend(not_needed(scene));
+            warnings.extend(coarse_coordinates(loaded.coordinate_quantum, finest_radius(scene, settings)));
+        }
         None => warnings.push("the scene has no surface: there is nothing to light".into()),
     }
     Ok(LoadedScene { name: shown, scene, loaded, warnings, left_out })
@@ -89,6 +95,25 @@ fn build_warnings(report: &SceneReport) -> Vec<String> {
     .into_iter()
     .flatten()
     .collect()
+}
+
+/// A warning where the file places vertices so coarsely that the finest functions would see it.
+fn coarse_coordinates(quantum: f64, radius: f64) -> Option<String> {
+    (quantum > radius / SHARE_OF_RADIUS).then(|| {
+        format!(
+            "coordinate quantum {quantum:.3e} m vs radius {radius:.3e} m: the file places its vertices so far from the origin of their \
+             mesh that they are rounded to that; keep coordinates small and move the mesh by its node"
+        )
+    })
+}
+
+/// The radius of the finest level that is asked for, m.
+fn finest_radius(scene: &Scene, settings: &Settings) -> f64 {
+    let coarsest = match settings.radius {
+        Radius::World(length) => length,
+        Radius::OfDiagonal(fraction) => fraction * f64::from(scene.diagonal()) * scene.frame().scale(),
+    };
+    coarsest / 2f64.powi(settings.levels as i32 - 1)
 }
 
 /// What a scene does not need is not there.

@@ -228,9 +228,16 @@ impl Loader<'_> {
             MeshInput { name: place, positions: &positions, normals: &normals, uvs: &input.uvs, triangles, material };
         self.scene.push_mesh(mesh).map_err(Error::from)?;
         self.report.vertices += positions.len() as u64;
+        self.report.note_rounding(&input.positions, largest_scale(world));
         self.report.winding_disagreements += input.winding_disagreements;
         Ok(())
     }
+}
+
+/// How much longer a transform makes a step along an axis, at most.
+fn largest_scale(transform: &DAffine3) -> f64 {
+    let m = transform.matrix3;
+    [m.x_axis, m.y_axis, m.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max)
 }
 
 /// The copies that a node makes of its mesh (`EXT_mesh_gpu_instancing`), if it does.

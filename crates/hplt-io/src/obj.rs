@@ -248,6 +248,7 @@ fn push_models(
         report.instances += 1;
         report.triangles += triangles.len() as u64;
         report.vertices += vertices.len() as u64;
+        report.note_rounding(&vertices, options.length_scale);
         report.winding_disagreements += winding_disagreements(&vertices, &normals, triangles);
     }
     Ok(())

@@ -1,3 +1,5 @@
+use glam::Vec3;
+
 use crate::error::sanitized;
 
 /// Warnings beyond this many are only counted.
@@ -36,11 +38,21 @@ pub struct LoadReport {
     pub clamped_materials: Vec<String>,
     /// Triangles whose front disagrees with their vertex normals.
     pub winding_disagreements: u64,
+    /// How finely the file places vertices where it places them most coarsely, m: the spacing of numbers of 32 bits at the largest
+    /// coordinate. A surface far from the origin of its mesh is rounded to it.
+    pub coordinate_quantum: f64,
     /// Names of the scene's cameras, safe to print; empty names for those that have none.
     pub camera_names: Vec<String>,
 }
 
 impl LoadReport {
+    /// Takes note of how finely numbers of 32 bits place these vertices, which are then made larger by `scale`.
+    pub(crate) fn note_rounding(&mut self, positions: &[Vec3], scale: f64) {
+        let largest = positions.iter().map(|p| p.abs().max_element()).filter(|x| x.is_finite()).fold(0.0, f32::max);
+        let next = f32::from_bits(largest.to_bits() + 1);
+        self.coordinate_quantum = self.coordinate_quantum.max((f64::from(next) - f64::from(largest)) * scale);
+    }
+
     /// Adds a warning.
     pub(crate) fn warn(&mut self, warning: impl AsRef<str>) {
         push_bounded(&mut self.warnings, &mut self.suppressed_warnings, warning.as_ref());

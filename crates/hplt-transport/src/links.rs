@@ -15,6 +15,9 @@ use crate::{
     direct_irradiance_by_group,
 };
 
+/// More functions may not be refined: the candidates around them are numbered in 32 bits.
+const MAX_FUNCTIONS: usize = 1 << 25;
+
 /// What a link holds of the function that a ray met.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LinkPrecision {
@@ -38,7 +41,7 @@ pub struct LinkOptions {
     pub threshold: Threshold,
     /// Precision of the links.
     pub precision: LinkPrecision,
-    /// No level is added beyond this many functions.
+    /// No level is added beyond this many functions; 2²⁵ at most.
     pub max_functions: usize,
     /// How the system is solved.
     pub solve: SolveOptions,
@@ -78,6 +81,9 @@ impl LinkOptions {
         }
         if self.n_levels == 0 {
             return fail("n_levels", 0.0, "1 or more");
+        }
+        if !(1..=MAX_FUNCTIONS).contains(&self.max_functions) {
+            return fail("max_functions", self.max_functions as f64, "1 to 2^25");
         }
         self.threshold.check()
     }
@@ -191,7 +197,7 @@ pub fn transport_links(
 }
 
 /// What is known of the unknowns, by flat index.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 struct State {
     rows: Vec<Vec<(u32, Rgb)>>,
     first_bounce: Vec<Rgb>,
@@ -203,6 +209,29 @@ struct State {
     escaped: u64,
     coverage: Coverage,
     solve: Option<SolveReport>,
+}
+
+/// What a level changes before it is solved, but for what it adds at the end of every list.
+#[derive(Debug, Clone, Copy)]
+struct Mark {
+    n_functions: usize,
+    escaped: u64,
+    coverage: Coverage,
+}
+
+impl State {
+    fn mark(&self) -> Mark {
+        Mark { n_functions: self.rows.len(), escaped: self.escaped, coverage: self.coverage }
+    }
+
+    /// Forgets a level that was not solved. Indirect light is that of the last solve, so it needs nothing.
+    fn return_to(&mut self, mark: Mark) {
+        let n = mark.n_functions;
+        self.rows.truncate(n);
+        [&mut self.first_bounce, &mut self.noise, &mut self.direct].into_iter().for_each(|list| list.truncate(n));
+        self.groups.iter_mut().flatten().for_each(|list| list.truncate(n));
+        (self.escaped, self.coverage) = (mark.escaped, mark.coverage);
+    }
 }
 
 struct Linker<'a> {
@@ -242,12 +271,13 @@ impl Linker<'_> {
     /// The two coarsest levels, which are everywhere: without the second nothing is known about the error of the first.
     fn begin(&mut self) -> Result<(), Error> {
         let started = self.progress.now();
-        if self.options.n_levels == 1 || self.basis.n_functions(0) == 0 {
+        let n = self.basis.n_functions(0);
+        if self.options.n_levels == 1 || n == 0 || n >= self.options.max_functions {
             self.gather(0)?;
             self.solve()?;
             return self.enter_level(0, started);
         }
-        let everywhere = vec![true; self.basis.n_functions(0)];
+        let everywhere = vec![true; n];
         self.push_level(everywhere)?;
         self.gather(0)?;
         self.gather(1)?;
@@ -316,12 +346,12 @@ impl Linker<'_> {
 
     fn add_level(&mut self, refined: Vec<bool>) -> Result<(), Error> {
         let started = self.progress.now();
-        let before = self.state.clone();
+        let before = self.state.mark();
         let n_levels = self.basis.n_levels();
         let added = self.push_level(refined).map_err(Error::from);
         let done = added.and_then(|()| self.gather(n_levels)).and_then(|()| self.solve());
         if done.is_err() {
-            self.state = before;
+            self.state.return_to(before);
             self.basis.truncate(n_levels);
             return done;
         }
