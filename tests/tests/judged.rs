@@ -131,7 +131,8 @@ fn judge(solver: &[Vec<f64>], path_tracer: &[Vec<f64>]) -> [bool; 3] {
     let least_allowed = -((-FAMILY_ALPHA).ln_1p() / n_tiles as f64).exp_m1();
     let uniform = kolmogorov_smirnov_uniform(&p).unwrap();
     let whole = |rows: &[Vec<f64>]| {
-        mean_of_replicates(&rows.iter().map(|row| row.iter().sum::<f64>() / n_tiles as f64).collect::<Vec<_>>()).unwrap()
+        mean_of_replicates(&rows.iter().map(|row| row.iter().sum::<f64>() / n_tiles as f64).collect::<Vec<_>>())
+            .unwrap()
     };
     let (a, b) = (whole(solver), whole(path_tracer));
     let difference = MeanEstimate {
@@ -140,7 +141,8 @@ fn judge(solver: &[Vec<f64>], path_tracer: &[Vec<f64>]) -> [bool; 3] {
         degrees_of_freedom: welch_t(&a, &b).degrees_of_freedom,
     };
     let mean = equivalence(&difference, b.mean, 0.01, 1e-3);
-    let noise = pairs.iter().map(|[a, b]| a.standard_error.hypot(b.standard_error) / b.mean).sum::<f64>() / n_tiles as f64;
+    let noise =
+        pairs.iter().map(|[a, b]| a.standard_error.hypot(b.standard_error) / b.mean).sum::<f64>() / n_tiles as f64;
     println!(
         "{n_tiles} tiles of {:.2} % noise: least p {least:.1e} (allowed {least_allowed:.1e}), uniformity {uniform:.1e}, mean off by \
          {:+.3} % ± {:.3} %",
@@ -182,8 +184,12 @@ fn a23_tiles_of_a_room_against_the_path_tracer() {
     let tracer = PathTracer::new(&prepared.scene);
     let path_tracer: Vec<Vec<f64>> = (0..REPLICATES)
         .map(|seed| {
-            let options =
-                IrradianceOptions { seed: 1000 + seed, replicates: 2, samples_per_replicate: 64, ..IrradianceOptions::preview() };
+            let options = IrradianceOptions {
+                seed: 1000 + seed,
+                replicates: 2,
+                samples_per_replicate: 64,
+                ..IrradianceOptions::preview()
+            };
             let estimates = tracer.irradiance(&in_scene, &options, &NoProgress).unwrap();
             tile_means(&estimates.iter().map(|e| y(e.total().as_vec3())).collect::<Vec<_>>())
         })

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use hplt_geom::radiometry::luminance;
-use hplt_geom::{Camera, Image, OrientedPoint, Progress, RegionId, Rgb};
+use hplt_geom::{Camera, Image, OrientedPoint, Progress, Rgb};
 use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
 use hplt_sampling::random::Stage;
 use hplt_splat::{GBuffer, GBufferOptions, LayerValues, Patches, layers, radiance};
@@ -52,12 +52,9 @@ pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Re
     let gbuffer = run.stage("g-buffer", |_| {
         let mut gbuffer = GBuffer::trace(lit.scene, &lit.bvh, camera, options, progress)?;
         let patches = Patches::of(&gbuffer);
-        let regions = lit.regions.locate(lit.scene, &lit.bvh, &patches.surface_points());
-        let of_samples = patches.spread(&regions, RegionId::DARK);
-        gbuffer.set_regions(
-            (0..gbuffer.n_samples()).filter(|&i| !gbuffer.is_background(i)).map(|i| of_samples[i]).collect(),
-        );
-        let queries = patches.queries(&regions);
+        let regions = lit.regions.locate(lit.scene, &lit.bvh, &patches.surface_points(&gbuffer));
+        patches.set_regions(&mut gbuffer, &regions);
+        let queries = patches.queries(&gbuffer);
         Ok::<_, hplt_splat::Error>((gbuffer, Shared { patches, queries }))
     });
     let (gbuffer, shared) = gbuffer.map_err(splat_failure)?;

@@ -104,7 +104,8 @@ fn a_kilometre_and_a_million_millimetres_are_within_the_estimate() {
     let mut text = String::from("v -500 0 -500\nv 0 0 500\nv 500 0 -500\nf 1 2 3\n");
     for i in 0..1_000_000 {
         let (x, z) = (0.01 * f64::from(i % 1000), 0.01 * f64::from(i / 1000));
-        write!(text, "v {x:.3} 1 {z:.3}\nv {x:.3} 1 {:.3}\nv {:.3} 1 {z:.3}\nf -3 -2 -1\n", z + 1e-3, x + 1e-3).unwrap();
+        write!(text, "v {x:.3} 1 {z:.3}\nv {x:.3} 1 {:.3}\nv {:.3} 1 {z:.3}\nf -3 -2 -1\n", z + 1e-3, x + 1e-3)
+            .unwrap();
     }
     folder.write("crumbs.obj", text);
     let flags = ["--levels", "2", "--rays", "64", "--sun", "0,1,0:1,1,1"];

@@ -119,16 +119,24 @@ fn light_behind_a_hole_is_within_its_bound_or_announced() {
         let open = sphere_with_hole(&folder, fraction, 20_480, albedo);
         let exact = closed_forms::cap_cavity_irradiance(open, albedo, 1.0);
         // The inside is far darker than the outside, and tolerances are relative to the mean of both.
-        let how = ["--levels", "2", "--rays", "256", "--sky", "1,1,1", "--tolerance", "1e-6", "--out", "a.csv", "--json"];
+        let how =
+            ["--levels", "2", "--rays", "256", "--sky", "1,1,1", "--tolerance", "1e-6", "--out", "a.csv", "--json"];
         let report = folder.run(&[&["points", "sphere.obj", "--at", "at.csv"], &how[..]].concat()).ok().json();
         let (_, rows) = table(&folder.text("a.csv"));
         let mean = rows.iter().map(|row| row[13]).sum::<f64>() / rows.len() as f64;
         let bound = report["error"]["bound"].as_f64().unwrap();
         let is_announced = report["warnings"].to_string().contains("portal under-sampled");
         let off = (mean / exact - 1.0).abs();
-        println!("hole of {open:.2e}, albedo {albedo}: off by {:.1} %, bound {bound:.3}, announced: {is_announced}", 100.0 * off);
+        println!(
+            "hole of {open:.2e}, albedo {albedo}: off by {:.1} %, bound {bound:.3}, announced: {is_announced}",
+            100.0 * off
+        );
         assert!(off <= bound || is_announced, "{mean} for {exact}, bound {bound}: {}", report["warnings"]);
-        assert!(may_warn || (!is_announced && off <= bound), "{mean} for {exact}, bound {bound}: {}", report["warnings"]);
+        assert!(
+            may_warn || (!is_announced && off <= bound),
+            "{mean} for {exact}, bound {bound}: {}",
+            report["warnings"]
+        );
         // Negative control: no light at all would not be within the bound.
         assert!(may_warn || bound < 1.0);
     }
@@ -152,7 +160,11 @@ fn turned_room(folder: &Folder, offset: f64, shift: f64) {
                 corner(i)
             };
             // Seen from inside, counter-clockwise.
-            let quad = if side == 0 { [at(0, 0), at(1, 0), at(1, 1), at(0, 1)] } else { [at(0, 0), at(0, 1), at(1, 1), at(1, 0)] };
+            let quad = if side == 0 {
+                [at(0, 0), at(1, 0), at(1, 1), at(0, 1)]
+            } else {
+                [at(0, 0), at(0, 1), at(1, 1), at(1, 0)]
+            };
             for p in [0, 1, 2, 0, 2, 3].map(|k| quad[k]) {
                 p.as_vec3().to_array().into_iter().for_each(|x| positions.extend(x.to_le_bytes()));
                 n += 1;
@@ -180,7 +192,21 @@ fn coordinates_coarser_than_functions_are_announced() {
     let report = |offset: f64, shift: f64, radius: &str| {
         let folder = Folder::new();
         turned_room(&folder, offset, shift);
-        let how = ["--levels", "2", "--rays", "32", "--radius", radius, "--tolerance", "1e-5", "-o", "a.hplt", "--ply", "a.ply", "--json"];
+        let how = [
+            "--levels",
+            "2",
+            "--rays",
+            "32",
+            "--radius",
+            radius,
+            "--tolerance",
+            "1e-5",
+            "-o",
+            "a.hplt",
+            "--ply",
+            "a.ply",
+            "--json",
+        ];
         let report = folder.run(&[&["solve", "room.gltf"], &how[..]].concat()).ok().json();
         let warnings = report["warnings"].to_string();
         assert_eq!(report["links"]["escaped"].as_u64().unwrap(), 0, "a ray was lost: {report}");
@@ -208,7 +234,9 @@ fn irradiances(ply: &[u8]) -> Vec<f32> {
     let header = String::from_utf8_lossy(&ply[..start]);
     let n: usize = header.lines().find_map(|l| l.strip_prefix("element vertex ")).unwrap().trim().parse().unwrap();
     let names: Vec<&str> = header.lines().filter_map(|l| l.strip_prefix("property ")).collect();
-    let size = |name: &&str| if name.starts_with("float") || name.starts_with("int") || name.starts_with("uint") { 4 } else { 1 };
+    let size = |name: &&str| {
+        if name.starts_with("float") || name.starts_with("int") || name.starts_with("uint") { 4 } else { 1 }
+    };
     let at: usize = names.iter().take_while(|n| !n.ends_with(" irr_r")).map(size).sum();
     let record: usize = names.iter().map(size).sum();
     let number = |i: usize| f32::from_le_bytes(ply[start + i * record + at..][..4].try_into().unwrap());

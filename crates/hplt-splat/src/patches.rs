@@ -12,36 +12,18 @@ const CHUNK: usize = 256;
 
 /// The samples of a G-buffer, those of a pixel that see the same piece of surface taken together: what changes little within a
 /// pixel need be read but once for each.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Patches {
     /// By sample; [`Patches::NONE`] for background.
     of_sample: Vec<u32>,
-    positions: Vec<Vec3>,
-    normals: Vec<Vec3>,
-    shading_normals: Vec<Vec3>,
-}
-
-/// What one chunk of pixels sees.
-#[derive(Default)]
-struct Chunk {
-    /// Within the chunk.
-    of_sample: Vec<u32>,
-    patches: Vec<Patch>,
-}
-
-/// Sums over the samples of a patch, after its first.
-struct Patch {
-    first: usize,
-    position: Vec3,
-    normal: Vec3,
-    shading_normal: Vec3,
-    n: f32,
+    /// The sample in the middle of each.
+    middles: Vec<u32>,
 }
 
 impl Patches {
     const NONE: u32 = u32::MAX;
 
-    /// The patches of `gbuffer`, in the order of their first samples.
+    /// The patches of `gbuffer`, pixel by pixel.
     pub fn of(gbuffer: &GBuffer) -> Self {
         let per_pixel = gbuffer.samples_per_pixel();
         let n_pixels = gbuffer.n_samples() / per_pixel.max(1);
@@ -49,67 +31,65 @@ impl Patches {
             n_pixels.div_ceil(CHUNK),
             || (),
             |(), chunk| {
-                let pixels = chunk * CHUNK..((chunk + 1) * CHUNK).min(n_pixels);
-                let mut found = Chunk::default();
-                pixels.for_each(|pixel| found.push_pixel(gbuffer, pixel * per_pixel..(pixel + 1) * per_pixel));
+                let mut found = Self { of_sample: Vec::new(), middles: Vec::new() };
+                for pixel in chunk * CHUNK..((chunk + 1) * CHUNK).min(n_pixels) {
+                    found.push_pixel(gbuffer, pixel * per_pixel..(pixel + 1) * per_pixel);
+                }
                 found
             },
         );
-        let mut all = Self {
-            of_sample: Vec::with_capacity(gbuffer.n_samples()),
-            positions: Vec::new(),
-            normals: Vec::new(),
-            shading_normals: Vec::new(),
-        };
+        let mut all = Self { of_sample: Vec::with_capacity(gbuffer.n_samples()), middles: Vec::new() };
         for chunk in chunks {
-            let first = all.positions.len() as u32;
+            let first = all.middles.len() as u32;
             let moved = |&i: &u32| if i == Self::NONE { i } else { first + i };
             all.of_sample.extend(chunk.of_sample.iter().map(moved));
-            all.positions.extend(chunk.patches.iter().map(|p| p.position / p.n));
-            all.normals.extend(chunk.patches.iter().map(|p| p.normal.normalize_or_zero()));
-            all.shading_normals.extend(chunk.patches.iter().map(|p| p.shading_normal.normalize_or_zero()));
+            all.middles.extend(chunk.middles);
         }
         all
     }
 
-    /// Mean position and unit geometric normal of each, scene space: what to ask the regions at.
-    pub fn surface_points(&self) -> Vec<(Vec3, Vec3)> {
-        self.positions.iter().copied().zip(self.normals.iter().copied()).collect()
+    fn push_pixel(&mut self, gbuffer: &GBuffer, samples: std::ops::Range<usize>) {
+        let (first_patch, first_sample) = (self.middles.len(), self.of_sample.len());
+        // For now the first sample of each.
+        for sample in samples.clone() {
+            let is_same = |&p: &usize| is_on(gbuffer, self.middles[p] as usize, sample);
+            let patch = match (first_patch..self.middles.len()).find(is_same) {
+                _ if gbuffer.is_background(sample) => Self::NONE,
+                Some(known) => known as u32,
+                None => {
+                    self.middles.push(sample as u32);
+                    self.middles.len() as u32 - 1
+                }
+            };
+            self.of_sample.push(patch);
+        }
+        for patch in first_patch..self.middles.len() {
+            let of_pixel = samples.clone().zip(&self.of_sample[first_sample..]);
+            let members = of_pixel.filter(|&(_, &p)| p == patch as u32).map(|(sample, _)| sample);
+            self.middles[patch] = middle(gbuffer, members) as u32;
+        }
     }
 
-    /// Each as a query, with its *shading* normal, for display; `regions` are theirs.
-    pub fn queries(&self, regions: &[RegionId]) -> Vec<OrientedPoint> {
-        let all = self.positions.iter().zip(&self.shading_normals).zip(regions);
-        all.map(|((&position, &normal), &region)| OrientedPoint::new(position, normal, region)).collect()
+    /// Position and unit geometric normal of each, scene space: what to ask the regions at.
+    pub fn surface_points(&self, gbuffer: &GBuffer) -> Vec<(Vec3, Vec3)> {
+        self.middles.iter().map(|&s| (gbuffer.positions()[s as usize], gbuffer.normals()[s as usize])).collect()
+    }
+
+    /// Each as a query, with its *shading* normal, for display. The regions of the samples should have been set.
+    pub fn queries(&self, gbuffer: &GBuffer) -> Vec<OrientedPoint> {
+        self.middles.iter().map(|&s| gbuffer.query(s as usize)).collect()
+    }
+
+    /// Gives the samples of `gbuffer` the regions of their patches.
+    pub fn set_regions(&self, gbuffer: &mut GBuffer, regions: &[RegionId]) {
+        let of_samples = self.spread(regions, RegionId::DARK);
+        let on_surface = (0..of_samples.len()).filter(|&i| !gbuffer.is_background(i));
+        gbuffer.set_regions(on_surface.map(|i| of_samples[i]).collect());
     }
 
     /// What `values` say of each patch, for each sample; `background` where there is none.
     pub fn spread<T: Copy>(&self, values: &[T], background: T) -> Vec<T> {
         self.of_sample.iter().map(|&i| values.get(i as usize).copied().unwrap_or(background)).collect()
-    }
-}
-
-impl Chunk {
-    fn push_pixel(&mut self, gbuffer: &GBuffer, samples: std::ops::Range<usize>) {
-        let begin = self.patches.len();
-        for sample in samples {
-            if gbuffer.is_background(sample) {
-                self.of_sample.push(Patches::NONE);
-                continue;
-            }
-            let known = (begin..self.patches.len()).find(|&p| is_on(gbuffer, self.patches[p].first, sample));
-            let at = known.unwrap_or(self.patches.len());
-            if known.is_none() {
-                let zero = Vec3::ZERO;
-                self.patches.push(Patch { first: sample, position: zero, normal: zero, shading_normal: zero, n: 0.0 });
-            }
-            let patch = &mut self.patches[at];
-            patch.position += gbuffer.positions()[sample];
-            patch.normal += gbuffer.normals()[sample];
-            patch.shading_normal += gbuffer.shading_normals()[sample];
-            patch.n += 1.0;
-            self.of_sample.push(at as u32);
-        }
     }
 }
 
@@ -120,4 +100,12 @@ fn is_on(gbuffer: &GBuffer, first: usize, other: usize) -> bool {
     normals[first].dot(normals[other]) >= SAME_NORMAL
         && shading[first].dot(shading[other]) >= SAME_NORMAL
         && offset.dot(normals[first]).abs() <= SAME_PLANE * offset.length()
+}
+
+/// The sample nearest to the mean of some, which need not be on any surface itself.
+fn middle(gbuffer: &GBuffer, samples: impl Iterator<Item = usize> + Clone) -> usize {
+    let positions = gbuffer.positions();
+    let (sum, n) = samples.clone().fold((Vec3::ZERO, 0.0), |(sum, n), s| (sum + positions[s], n + 1.0));
+    let distance = |s: &usize| positions[*s].distance_squared(sum / n);
+    samples.min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("a patch has samples")
 }
