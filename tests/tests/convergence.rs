@@ -76,7 +76,7 @@ fn a22_the_error_in_a_sphere_falls_with_the_number_of_functions() {
     let mut errors = Vec::new();
     for n in [512.0, 2048.0, 8192.0, 32_768.0] {
         // 0.7 A/r² functions, the diagonal being 2√3.
-        let radius = (0.7 * 4.0 * PI / n as f64).sqrt() / 12f64.sqrt();
+        let radius = (0.7 * 4.0 * PI / n).sqrt() / 12f64.sqrt();
         let threshold = Threshold { absolute: 0.0, relative: 0.0, noise: 0.0 };
         let transport = TransportOptions {
             n_rays: 512,
