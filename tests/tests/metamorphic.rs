@@ -181,7 +181,7 @@ fn b9_reciprocity_of_pairs_of_patches() {
 #[test]
 #[ignore = "slow: 210 pairs"]
 fn b9_reciprocity_of_two_hundred_pairs() {
-    assert_reciprocal(21, 60);
+    assert_reciprocal(21, 150);
 }
 
 /// Both exchanges of all pairs of so many patches, jointly; of at least `least` pairs the noise must be below a quarter.

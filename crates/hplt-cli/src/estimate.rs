@@ -14,9 +14,9 @@ const POINTS_PER_AREA: f64 = 0.7;
 const PROGRAM_BYTES: u64 = 12 << 20;
 /// Bytes per function: point, kd-tree, parents and children, coefficients of a solve in progress.
 const BYTES_PER_POINT: f64 = 320.0;
-/// Bytes per candidate point while a hierarchy is made, times candidates per point of the finest level: five, and half as many
+/// Bytes per candidate point while a hierarchy is made, times candidates per point of the finest level: five, and as many
 /// again where the first leave gaps.
-const BYTES_OF_CANDIDATES: f64 = 7.5 * 40.0;
+const BYTES_OF_CANDIDATES: f64 = 10.0 * 40.0;
 /// Bytes per function of the finest level while it is placed around those of the level before: of four one is refined, and has 64
 /// candidates, twice.
 const BYTES_OF_REFINING: f64 = 64.0 * 60.0 * 2.0 / 4.0;

@@ -33,13 +33,11 @@ fn warn_about_geometry(loaded: &mut Loaded) {
         report.warn(format!("{n} triangles ({percent:.2} %) face away from their vertex normals; winding decides"));
     }
     if let Some((min, max)) = scene.bounds() {
-        // Files store single precision; half a unit in the last place of the largest coordinate is lost already.
-        let quantum = min.abs().max(max.abs()).max_element() * f64::from(f32::EPSILON);
+        let quantum = report.coordinate_quantum;
         let diagonal = (max - min).length();
         if quantum > 1e-5 * diagonal {
             report.warn(format!(
-                "the scene is far from its origin: single precision resolves {quantum:.1e} of its size {diagonal:.1e}, \
-                 unless node transforms hold the offset"
+                "the scene is far from its origin: single precision resolves {quantum:.1e} of its size {diagonal:.1e}"
             ));
         }
     }

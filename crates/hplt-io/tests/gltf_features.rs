@@ -140,8 +140,9 @@ fn mirrored_nodes_keep_their_fronts_and_flat_ones_vanish() {
 #[test]
 fn small_detail_far_from_the_origin_is_kept() {
     let (bin, rest) = quad_scene(r#","scale":[0.001,0.001,0.001],"translation":[1000000,0,-1000000]"#, "", "");
-    let (scene, _) = load(&bin, &rest);
+    let (scene, report) = load(&bin, &rest);
     assert!((world_area(&scene) - 1e-6).abs() < 1e-12);
+    assert!(report.coordinate_quantum < 1e-9 && report.warnings.iter().all(|w| !w.contains("far from")), "{report:?}");
     // And coordinates that are rounded already say so.
     let mut bin = Bin::default();
     let far: Vec<[f32; 3]> = QUAD.iter().map(|p| [p[0] + 1e6, p[1], p[2]]).collect();
@@ -150,6 +151,7 @@ fn small_detail_far_from_the_origin_is_kept() {
         r#""nodes":[{{"mesh":0}}],"meshes":[{{"primitives":[{{"mode":6,"attributes":{{"POSITION":{position}}}}}]}}]"#
     );
     let (_, report) = load(&bin, &rest);
+    assert_eq!(report.coordinate_quantum, 0.0625);
     assert!(report.warnings.iter().any(|w| w.contains("far from its origin")), "{report:?}");
 }
 
