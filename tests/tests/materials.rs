@@ -1,7 +1,7 @@
 //! Materials, lights and channels.
 
 use hplt::geom::glam::{DVec3, Vec2, Vec3};
-use hplt::geom::{Environment, Image, Material, NoProgress, Rgb, Scene, SceneBuilder};
+use hplt::geom::{BuildPolicy, Environment, Image, Material, NoProgress, Rgb, Scene, SceneBuilder};
 use hplt::reference::path_tracer::{IrradianceOptions, PathTracer};
 use hplt::reference::scenes::{self, Shape};
 use hplt::transport::{DirectEstimator, DirectOptions, StopReason, Threshold, TransportOptions};
@@ -13,6 +13,29 @@ fn furnace_setup(tolerance: f32) -> Setup {
         direct: DirectOptions { estimator: DirectEstimator::Hemisphere, ..DirectOptions::projection() },
         transport: TransportOptions { n_rays: 64, tolerance, ..TransportOptions::production() },
         ..Setup::default()
+    }
+}
+
+/// C3: emission of surfaces, lamps and skies that is negative, infinite or no number is an error that names what it is of; surfaces are
+/// clamped on request, and nothing that is no number comes out.
+#[test]
+fn c3_emission_that_is_no_light_is_refused() {
+    for bad in [-5.0f32, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut builder = scenes::single_sheet(Rgb::splat(0.5));
+        let lamp = builder.push_material(Material::emitter("lamp", Rgb::ZERO, Rgb::new(1.0, bad, 1.0)));
+        Shape::new().triangle([DVec3::Y, DVec3::X, DVec3::Z]).push_into(&mut builder, "lamp", lamp);
+        let error = builder.clone().build(BuildPolicy::default()).unwrap_err().to_string();
+        assert!(error.contains("material \"lamp\", emission, green"), "{bad}: {error}");
+        let policy = BuildPolicy { clamp_materials: true, ..BuildPolicy::default() };
+        let (scene, report) = builder.build(policy).unwrap();
+        assert_eq!(report.clamped_materials, ["lamp"]);
+        let solved = Prepared::new(scene, Setup { n_levels: 2, ..Setup::default() }).solve().unwrap();
+        assert!(solved.finest().iter().all(|e| e.is_finite() && e.y == 0.0));
+        let mut builder = scenes::single_sheet(Rgb::splat(0.5));
+        builder.push_point_light("bulb", DVec3::Y, Rgb::splat(bad));
+        let error = builder.build(BuildPolicy::default()).unwrap_err().to_string();
+        assert!(error.contains("light 0 \"bulb\", intensity"), "{bad}: {error}");
+        assert!(Environment::constant(Rgb::splat(bad)).is_err(), "{bad}");
     }
 }
 

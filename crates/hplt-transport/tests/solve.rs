@@ -280,6 +280,25 @@ fn darkness_takes_no_sweep() {
     }
 }
 
+/// Unknowns without area are fine functions: where they alone are lit, the error is relative to the mean over all.
+#[test]
+fn light_on_unknowns_that_no_mean_counts_is_solved_too() {
+    let mut g = SparseRows::new(4);
+    // Two coarse unknowns that see nothing, two fine ones that see each other.
+    for row in [&[][..], &[], &[(3, Rgb::splat(0.5))], &[(2, Rgb::splat(0.5))]] {
+        g.push_row(row);
+    }
+    let unknowns = Unknowns { components: &[0; 4], n_components: 1, areas: &[1.0, 1.0, 0.0, 0.0] };
+    let d = [Rgb::ZERO, Rgb::ZERO, Rgb::ONE, Rgb::ZERO];
+    for method in METHODS {
+        let (x, report) = solve(&g, &d, &unknowns, &options(method, 1e-4), &NoProgress).unwrap();
+        assert!(report.is_converged() && report.bound <= 1e-4, "{method:?}: {report:?}");
+        for (x, exact) in x.iter().zip([0.0, 0.0, 4.0 / 3.0, 2.0 / 3.0]) {
+            assert!((x.y - exact).abs() <= 1e-4, "{method:?}: {x} for {exact}");
+        }
+    }
+}
+
 #[test]
 fn a_white_closed_room_with_light_is_refused() {
     let g = random_rows(80, 40, 10, &mut Random(23), |i| DVec3::new(0.5, 0.5, if i < 40 { 0.5 } else { 1.0 }));

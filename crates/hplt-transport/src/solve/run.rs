@@ -34,7 +34,7 @@ pub(crate) struct Bounds {
 impl<'a> Problem<'a> {
     pub fn new(g: &'a dyn LinearOperator, gain: &'a Gain, d: &'a [DVec3], tolerance: f64) -> Self {
         let blocks = gain.blocks();
-        let (max_d, mean_d) = (blocks.max_abs(d), blocks.mean(d));
+        let (max_d, mean_d) = (blocks.max_abs(d), means_with_light(blocks, d));
         let is_positive = d.iter().all(|d| d.min_element() >= 0.0);
         Self { g, gain, blocks, d, tolerance, max_d, mean_d, is_positive }
     }
@@ -95,6 +95,17 @@ impl<'a> Problem<'a> {
         let max = self.blocks.max_abs(r);
         max.iter().zip(&self.max_d).map(|(&r, &d)| ratio(r, d).max_element()).fold(0.0, f64::max) as f32
     }
+}
+
+/// Means by component and channel. Where all that is lit is unknowns that the mean leaves out, such as fine functions where every
+/// coarse one is dark, the mean over all unknowns: an error needs something to be relative to.
+fn means_with_light(blocks: &Blocks, d: &[DVec3]) -> Lanes {
+    let sums = blocks.fold(DVec3::ZERO, |sum, i| sum + d[i]);
+    let counts = blocks.fold(DVec3::ZERO, |count, _| count + DVec3::ONE);
+    let mean = |((mean, sum), count): ((DVec3, DVec3), DVec3)| {
+        map2(mean, ratio(sum, count), |mean, of_all| if mean == 0.0 { of_all } else { mean })
+    };
+    blocks.mean(d).into_iter().zip(sums).zip(counts).map(mean).collect()
 }
 
 impl Bounds {
