@@ -114,7 +114,8 @@ fn sphere_with_hole(folder: &Folder, fraction: f64, facets: usize, albedo: f64) 
 /// warns, or what no ray found is below the most that may be there; behind a large hole it does not warn, and is within.
 #[test]
 fn light_behind_a_hole_is_within_its_bound_or_announced() {
-    let holes = [(0.3, 20_480, 0.8), (1e-3, 20_480, 0.8), (1e-3, 20_480, 0.98), (2.5e-4, 20_480, 0.8), (6e-5, 81_920, 0.8)];
+    let holes =
+        [(0.3, 20_480, 0.8), (1e-3, 20_480, 0.8), (1e-3, 20_480, 0.98), (2.5e-4, 20_480, 0.8), (6e-5, 81_920, 0.8)];
     for (fraction, facets, albedo) in holes {
         let folder = Folder::new();
         let may_warn = fraction < 0.1;
@@ -122,7 +123,8 @@ fn light_behind_a_hole_is_within_its_bound_or_announced() {
         assert!(open > 0.0);
         let exact = closed_forms::cap_cavity_irradiance(open, albedo, 1.0);
         // The inside is far darker than the outside, and tolerances are relative to the mean of both.
-        let how = ["--levels", "2", "--rays", "256", "--sky", "1,1,1", "--tolerance", "1e-5", "--out", "a.csv", "--json"];
+        let how =
+            ["--levels", "2", "--rays", "256", "--sky", "1,1,1", "--tolerance", "1e-5", "--out", "a.csv", "--json"];
         let report = folder.run(&[&["points", "sphere.obj", "--at", "at.csv"], &how[..]].concat()).ok().json();
         let (_, rows) = table(&folder.text("a.csv"));
         let mean = rows.iter().map(|row| row[13]).sum::<f64>() / rows.len() as f64;
@@ -139,8 +141,16 @@ fn light_behind_a_hole_is_within_its_bound_or_announced() {
             100.0 * off,
             100.0 * bound
         );
-        assert!(off <= bound || is_announced || is_unseen_and_bounded, "{mean} for {exact}, bound {bound}: {}", report["warnings"]);
-        assert!(may_warn || (!is_announced && off <= bound), "{mean} for {exact}, bound {bound}: {}", report["warnings"]);
+        assert!(
+            off <= bound || is_announced || is_unseen_and_bounded,
+            "{mean} for {exact}, bound {bound}: {}",
+            report["warnings"]
+        );
+        assert!(
+            may_warn || (!is_announced && off <= bound),
+            "{mean} for {exact}, bound {bound}: {}",
+            report["warnings"]
+        );
         // Negative control: no light at all would not be within the bound.
         assert!(may_warn || bound < 1.0);
     }
@@ -164,7 +174,11 @@ fn turned_room(folder: &Folder, offset: f64, shift: f64) {
                 corner(i)
             };
             // Seen from inside, counter-clockwise.
-            let quad = if side == 0 { [at(0, 0), at(1, 0), at(1, 1), at(0, 1)] } else { [at(0, 0), at(0, 1), at(1, 1), at(1, 0)] };
+            let quad = if side == 0 {
+                [at(0, 0), at(1, 0), at(1, 1), at(0, 1)]
+            } else {
+                [at(0, 0), at(0, 1), at(1, 1), at(1, 0)]
+            };
             for p in [0, 1, 2, 0, 2, 3].map(|k| quad[k]) {
                 p.as_vec3().to_array().into_iter().for_each(|x| positions.extend(x.to_le_bytes()));
                 n += 1;
@@ -192,7 +206,21 @@ fn coordinates_coarser_than_functions_are_announced() {
     let report = |offset: f64, shift: f64, radius: &str| {
         let folder = Folder::new();
         turned_room(&folder, offset, shift);
-        let how = ["--levels", "2", "--rays", "32", "--radius", radius, "--tolerance", "1e-5", "-o", "a.hplt", "--ply", "a.ply", "--json"];
+        let how = [
+            "--levels",
+            "2",
+            "--rays",
+            "32",
+            "--radius",
+            radius,
+            "--tolerance",
+            "1e-5",
+            "-o",
+            "a.hplt",
+            "--ply",
+            "a.ply",
+            "--json",
+        ];
         let report = folder.run(&[&["solve", "room.gltf"], &how[..]].concat()).ok().json();
         let warnings = report["warnings"].to_string();
         assert_eq!(report["links"]["escaped"].as_u64().unwrap(), 0, "a ray was lost: {report}");
@@ -210,7 +238,12 @@ fn coordinates_coarser_than_functions_are_announced() {
     assert!(exact > 0.0 && values.len() > 50, "{exact} {}", values.len());
     let worst = |values: &[f32]| values.iter().map(|v| (v / exact - 1.0).abs()).fold(0.0, f32::max);
     let mean = values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len() as f64 / f64::from(exact);
-    println!("off by {:.1e} as meant, by {:.1e} as rounded, {:+.1e} on average", worst(&as_meant), worst(&values), mean - 1.0);
+    println!(
+        "off by {:.1e} as meant, by {:.1e} as rounded, {:+.1e} on average",
+        worst(&as_meant),
+        worst(&values),
+        mean - 1.0
+    );
     // Walls that are no longer flat hide some of each other's functions; rays that meet such a place go on, and their light is noisy.
     assert!(worst(&as_meant) < 1e-5 && worst(&values) < 0.01 && (mean - 1.0).abs() < 3e-4);
 }
@@ -222,7 +255,9 @@ fn irradiances(ply: &[u8]) -> Vec<f32> {
     let header = String::from_utf8_lossy(&ply[..start]);
     let n: usize = header.lines().find_map(|l| l.strip_prefix("element vertex ")).unwrap().trim().parse().unwrap();
     let names: Vec<&str> = header.lines().filter_map(|l| l.strip_prefix("property ")).collect();
-    let size = |name: &&str| if name.starts_with("float") || name.starts_with("int") || name.starts_with("uint") { 4 } else { 1 };
+    let size = |name: &&str| {
+        if name.starts_with("float") || name.starts_with("int") || name.starts_with("uint") { 4 } else { 1 }
+    };
     let at: usize = names.iter().take_while(|n| !n.ends_with(" irr_r")).map(size).sum();
     let record: usize = names.iter().map(size).sum();
     let number = |i: usize| f32::from_le_bytes(ply[start + i * record + at..][..4].try_into().unwrap());
