@@ -46,6 +46,8 @@ pub struct Estimate {
     pub points_per_level: Vec<u64>,
     /// Bytes by part.
     pub parts: Vec<(&'static str, u64)>,
+    /// The most bytes that are in use at any time: those of all parts together, or those that reading the scene took.
+    pub memory: u64,
     /// Seconds, about.
     pub seconds: f64,
     /// Links that a function has at most.
@@ -100,17 +102,14 @@ impl Estimate {
         let gathers = GATHERED_SHARE * n * f64::from(settings.transport.n_rays);
         let shadow_rays = finest * 32.0;
         let seconds = (gathers + shadow_rays) / (RAYS_PER_SECOND * threads);
-        Self { points_per_level, parts, seconds, rays_per_function }
+        let together = parts.iter().fold(0, |sum: u64, part: &(&str, u64)| sum.saturating_add(part.1));
+        let memory = together.max(most_memory_in_use().unwrap_or(0));
+        Self { points_per_level, parts, memory, seconds, rays_per_function }
     }
 
     /// Points on all levels.
     pub fn points(&self) -> u64 {
         self.points_per_level.iter().fold(0, |sum: u64, &n| sum.saturating_add(n))
-    }
-
-    /// Bytes of all parts: the most that is in use at any time.
-    pub fn memory(&self) -> u64 {
-        self.parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.1)).max(most_memory_in_use().unwrap_or(0))
     }
 
     /// Bytes of a solution file for what it keeps of links and groups of lights.

@@ -67,7 +67,7 @@ fn describe(run: &mut Run<'_>, loaded: &LoadedScene) -> String {
             "at most {} points in {} levels, {}",
             human_count(estimate.points()),
             estimate.points_per_level.len(),
-            human_bytes(estimate.memory())
+            human_bytes(estimate.memory)
         ),
     );
     line("", format!("about {:.0} to {:.0} s", estimate.seconds / 3.0, 3.0 * estimate.seconds));

@@ -300,7 +300,7 @@ impl<'r> Run<'r> {
         };
         let Some(limit) = limit else { return Ok(()) };
         let estimate = Estimate::of(scene, self.settings);
-        let needed = estimate.memory();
+        let needed = estimate.memory;
         if needed <= limit {
             return Ok(());
         }

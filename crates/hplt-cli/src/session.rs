@@ -146,7 +146,7 @@ fn dry_run(run: &mut Run<'_>, scene: &str, is_quiet: bool) -> Result<Ended, Fail
 pub fn print_estimate(estimate: &Estimate) {
     let counts: Vec<String> = estimate.points_per_level.iter().map(|&n| human_count(n)).collect();
     say(&format!("estimate  at most {} points ({})", human_count(estimate.points()), counts.join(", ")));
-    say(&format!("          {} ({})", human_bytes(estimate.memory()), estimate.parts_in_words()));
+    say(&format!("          {} ({})", human_bytes(estimate.memory), estimate.parts_in_words()));
     let seconds = estimate.seconds;
     say(&format!("          about {:.0} to {:.0} s, rays being the least certain part", seconds / 3.0, 3.0 * seconds));
 }
