@@ -63,11 +63,11 @@ fn a21_the_error_falls_with_the_first_power_of_the_radius() {
 #[test]
 #[ignore = "slow: a hundred million rays"]
 fn a22_the_error_in_a_sphere_falls_with_the_number_of_functions() {
-    let (albedo, intensity) = (0.2f32, 1.0);
+    let (albedo, intensity) = (0.3f32, 1.0);
     let lamp = DVec3::new(0.3, 0.2, 0.1);
     let mut builder = SceneBuilder::new();
     let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(albedo)));
-    let mut sphere = scenes::geodesic_sphere(1.0, 1_310_720);
+    let mut sphere = scenes::geodesic_sphere(1.0, 327_680);
     sphere.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     sphere.push_into(&mut builder, "sphere", wall);
     builder.push_point_light("lamp", lamp, Rgb::splat(intensity as f32));
@@ -82,7 +82,7 @@ fn a22_the_error_in_a_sphere_falls_with_the_number_of_functions() {
             n_rays: 512,
             threshold,
             shaped_push_down: false,
-            max_bounces: 4,
+            max_bounces: 6,
             tolerance: 1e-3,
             ..TransportOptions::production()
         };

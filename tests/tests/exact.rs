@@ -86,13 +86,6 @@ fn a3_generalised_furnace() {
     }
 }
 
-/// A3 at its full size.
-#[test]
-#[ignore = "slow: five hundred boxes"]
-fn a3_five_hundred_boxes() {
-    assert_uniform("500 boxes", scenes::build(scenes::random_boxes_furnace(5)));
-}
-
 /// Solves a generalised furnace of unit radiosity and asserts that it is one: the mean to half a per cent, every function to its noise.
 fn assert_uniform(name: &str, scene: Scene) {
     let mut setup = furnace_setup();

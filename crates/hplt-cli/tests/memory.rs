@@ -71,23 +71,6 @@ fn the_peak_is_within_the_estimate() {
     );
 }
 
-/// G13, larger: half a million triangles and more, a hundred thousand functions, many rays.
-#[test]
-#[ignore = "slow: minutes"]
-fn the_peak_of_large_runs_is_within_the_estimate() {
-    assert_estimates(
-        &Folder::new(),
-        &[
-            ("gen:colonnade:1000000", &["--levels", "2", "--rays", "64"]),
-            ("gen:statue-room:1000000", &["--levels", "3", "--rays", "64"]),
-            ("gen:cornell-closed", &["--levels", "5", "--rays", "1024"]),
-            ("gen:clutter", &["--levels", "3", "--rays", "64"]),
-            ("gen:plane", &["--levels", "7", "--rays", "16", "--variant", "absolute"]),
-            ("gen:cornell-closed", &["--levels", "6", "--rays", "16", "--variant", "delta"]),
-        ],
-    );
-}
-
 /// D22: ten million triangles, from the command.
 #[test]
 #[ignore = "slow: ten million triangles"]
