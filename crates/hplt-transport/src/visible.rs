@@ -30,7 +30,8 @@ pub(crate) struct Visible {
 
 impl Visible {
     /// The visible fraction of the irradiance at `point` from `emitter`, which is the same all over. `None` where more than
-    /// `max_blockers` triangles may be in the way, or something with holes in it, where the two are so near that rounding matters, and where only rays can tell.
+    /// `max_blockers` triangles may be in the way, or something with holes in it, where the two are so near that rounding matters, and
+    /// where only rays can tell.
     ///
     /// The emitter minus the shadow volume of every blocker, as polygons; each remaining piece by Lambert's formula.
     pub fn fraction(
@@ -58,6 +59,9 @@ impl Visible {
         shaft.cut(origin, normal);
         shaft.cut(corners[0], emitter.normal);
         let all = self.form_factor(normal);
+        if all == 0.0 {
+            return Some(0.0);
+        }
         let mut blockers = std::mem::take(&mut self.blockers);
         let is_told = collect(caster, &shaft, max_blockers, &mut blockers);
         for triangle in &blockers {
@@ -301,6 +305,15 @@ mod tests {
             let right = fraction(&plate([-0.2, 2.0], [-2.0, 2.0]), normal).unwrap();
             assert!((left + right - 1.0).abs() < 1e-9, "{left} {right}");
         }
+    }
+
+    /// Seen edge-on, it brings nothing, and there is nothing to take a fraction of.
+    #[test]
+    fn a_lamp_that_brings_nothing_is_no_nan() {
+        let beside = OrientedPoint::new(Vec3::new(5.0, 0.0, 0.9), Vec3::Z, RegionId(0));
+        let flat = Emitter { corners: [Vec3::Z, Vec3::Z + Vec3::X, Vec3::Z + 2.0 * Vec3::X], ..lamp() };
+        let found = Visible::default().fraction(&Listed(&plate([-0.5, 0.5], [-0.5, 0.5])), &beside, &flat, LIMIT);
+        assert_eq!(found, Some(0.0));
     }
 
     #[test]
