@@ -1,3 +1,4 @@
+#[cfg(any(feature = "gltf", feature = "obj"))]
 use glam::Vec3;
 
 use crate::error::sanitized;
@@ -47,6 +48,7 @@ pub struct LoadReport {
 
 impl LoadReport {
     /// Takes note of how finely numbers of 32 bits place these vertices, which are then made larger by `scale`.
+    #[cfg(any(feature = "gltf", feature = "obj"))]
     pub(crate) fn note_rounding(&mut self, positions: &[Vec3], scale: f64) {
         let largest = positions.iter().map(|p| p.abs().max_element()).filter(|x| x.is_finite()).fold(0.0, f32::max);
         let next = f32::from_bits(largest.to_bits() + 1);
