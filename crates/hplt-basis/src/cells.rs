@@ -1,11 +1,11 @@
 use glam::{IVec3, Vec3};
-use hplt_geom::OrientedPoint;
+use hplt_geom::{Extent, OrientedPoint, RegionId, Rgb};
+use wide::f32x8;
 
 use crate::Footprint;
 
-/// Functions that are looked at together.
+/// Functions or queries that are looked at together.
 const LANES: usize = 8;
-const NONE: u32 = u32::MAX;
 /// Supports are taken a little larger than they are, so that rounding loses nothing.
 const MARGIN: f32 = 1.001;
 /// The square of what a step of length one in the worst direction counts as in the sum that
@@ -22,101 +22,186 @@ pub(crate) struct LevelCells {
     /// Open-addressed, a power of two of them.
     slots: Vec<Slot>,
     blocks: Vec<Block>,
+    /// One per function.
+    sights: Vec<Sight>,
+}
+
+/// A cell, as far as it is in one region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    cell: [i32; 3],
+    region: RegionId,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Slot {
-    cell: IVec3,
+    key: Key,
     first: u32,
     /// 0 where the slot is free.
-    n_blocks: u32,
+    n_functions: u32,
 }
 
-/// What decides about the weights of some functions, component by component.
+/// Positions and normals, component by component.
+#[derive(Debug, Clone, Copy)]
+struct Lanes {
+    position: [f32x8; 3],
+    normal: [f32x8; 3],
+}
+
+impl Lanes {
+    const EMPTY: Self = Self { position: [f32x8::ZERO; 3], normal: [f32x8::ZERO; 3] };
+
+    #[inline]
+    fn set(&mut self, lane: usize, point: &OrientedPoint) {
+        for axis in 0..3 {
+            self.position[axis].as_mut_array()[lane] = point.position[axis];
+            self.normal[axis].as_mut_array()[lane] = point.normal[axis];
+        }
+    }
+
+    /// The same point in every lane.
+    #[inline]
+    fn splat(position: Vec3, normal: Vec3) -> Self {
+        Self { position: splat(position), normal: splat(normal) }
+    }
+}
+
+/// Functions of a cell.
 #[derive(Debug, Clone, Copy)]
 struct Block {
-    position: [[f32; LANES]; 3],
-    normal: [[f32; LANES]; 3],
-    below: [f32; LANES],
-    above: [f32; LANES],
-    sight_height: [f32; LANES],
-    region: [u32; LANES],
-    function: [u32; LANES],
+    lanes: Lanes,
+    below: f32x8,
+    above: f32x8,
+    sight_height: f32x8,
     /// The square of the largest of the inverse depths, and a little more: what is nearer than one over it is in sight.
-    inverse_sight_squared: [f32; LANES],
+    inverse_sight_squared: f32x8,
+    function: [u32; LANES],
 }
 
 impl Block {
     /// Lanes that no query is in.
     const EMPTY: Self = Self {
-        position: [[0.0; LANES]; 3],
-        normal: [[0.0; LANES]; 3],
-        below: [-1.0; LANES],
-        above: [-1.0; LANES],
-        sight_height: [0.0; LANES],
-        region: [0; LANES],
-        function: [NONE; LANES],
-        inverse_sight_squared: [0.0; LANES],
+        lanes: Lanes::EMPTY,
+        below: f32x8::ZERO,
+        above: f32x8::ZERO,
+        sight_height: f32x8::ZERO,
+        inverse_sight_squared: f32x8::ZERO,
+        function: [0; LANES],
     };
 
     fn set(&mut self, lane: usize, function: u32, point: &OrientedPoint) {
-        for axis in 0..3 {
-            self.position[axis][lane] = point.position[axis];
-            self.normal[axis][lane] = point.normal[axis];
-        }
-        self.below[lane] = point.extent.below;
-        self.above[lane] = point.extent.above;
-        self.sight_height[lane] = point.extent.sight_height;
-        self.region[lane] = point.region.0;
-        self.function[lane] = function;
+        self.lanes.set(lane, point);
+        self.below.as_mut_array()[lane] = point.extent.below;
+        self.above.as_mut_array()[lane] = point.extent.above;
+        self.sight_height.as_mut_array()[lane] = point.extent.sight_height;
         let inverse_sight = point.extent.inverse_depths.iter().fold(0.0, |largest: f32, d| largest.max(*d));
-        self.inverse_sight_squared[lane] = SECTOR_MARGIN * inverse_sight * inverse_sight;
+        self.inverse_sight_squared.as_mut_array()[lane] = SECTOR_MARGIN * inverse_sight * inverse_sight;
+        self.function[lane] = function;
     }
 
-    /// The weights at `query` of the functions, as far as sight along the surface does not forbid, and whether it may. Without
-    /// branches, for all lanes at once.
+    /// One of the functions, in every lane.
     #[inline]
-    fn weights(&self, query: &OrientedPoint, footprint: &Footprint) -> ([f32; LANES], [bool; LANES]) {
-        let (p, n, free_height) = (query.position, query.normal, query.extent.free_height());
-        let (mut distances, mut cosines, mut may_be_hidden) = ([0.0; LANES], [0.0; LANES], [false; LANES]);
-        for k in 0..LANES {
-            let (x, y, z) = (p.x - self.position[0][k], p.y - self.position[1][k], p.z - self.position[2][k]);
-            let (nx, ny, nz) = (self.normal[0][k], self.normal[1][k], self.normal[2][k]);
-            let height = x * nx + y * ny + z * nz;
-            let straight = x * x + y * y + z * z;
-            let cosine = n.x * nx + n.y * ny + n.z * nz;
-            let is_there = (cosine > 0.0) & (self.region[k] == query.region.0);
-            let is_in_layer = (-self.below[k] <= height) & (height <= self.above[k]);
-            let is_free = free_height >= self.sight_height[k];
-            cosines[k] = if is_there & is_in_layer & is_free { cosine } else { 0.0 };
-            distances[k] = straight + 8.0 * height * height;
-            may_be_hidden[k] = straight * self.inverse_sight_squared[k] > 1.0;
+    fn splat(&self, lane: usize) -> Self {
+        let of = |x: &f32x8| f32x8::splat(x.as_array()[lane]);
+        let Lanes { position: [x, y, z], normal: [nx, ny, nz] } = &self.lanes;
+        Self {
+            lanes: Lanes { position: [of(x), of(y), of(z)], normal: [of(nx), of(ny), of(nz)] },
+            below: of(&self.below),
+            above: of(&self.above),
+            sight_height: of(&self.sight_height),
+            inverse_sight_squared: of(&self.inverse_sight_squared),
+            function: [self.function[lane]; LANES],
         }
-        (footprint.weights(distances, cosines), may_be_hidden)
     }
+
+    /// The weights of the functions at the queries, lane by lane, as far as sight along the surface does not forbid, and a mask
+    /// of where it may.
+    #[inline]
+    fn weights(&self, queries: &Lanes, free_height: f32x8, footprint: &Footprint) -> (f32x8, f32x8) {
+        let offset = offset(queries, &self.lanes);
+        let height = dot(offset, self.lanes.normal);
+        let straight = dot(offset, offset);
+        let cosine = dot(queries.normal, self.lanes.normal);
+        let is_in_layer = height.simd_ge(-self.below) & height.simd_le(self.above);
+        let is_there = cosine.simd_gt(f32x8::ZERO) & is_in_layer & free_height.simd_ge(self.sight_height);
+        let weights = footprint.weights(straight + height * height * 8.0, cosine & is_there);
+        let is_far = (straight * self.inverse_sight_squared).simd_gt(f32x8::ONE);
+        (weights, is_far & weights.simd_gt(f32x8::ZERO))
+    }
+}
+
+/// What a function's sight along the surface is measured in.
+#[derive(Debug, Clone, Copy)]
+struct Sight {
+    tangent: Vec3,
+    bitangent: Vec3,
+    inverse_depths: [f32; hplt_geom::N_SECTORS],
+}
+
+impl Sight {
+    fn of(point: &OrientedPoint) -> Self {
+        let [tangent, _, bitangent, ..] = Extent::sector_directions(point.normal);
+        Self { tangent, bitangent, inverse_depths: point.extent.inverse_depths }
+    }
+
+    /// [`Extent::contains`](hplt_geom::Extent::contains), as far as the tangent plane is concerned, of eight offsets.
+    #[inline]
+    fn reaches(&self, offset: [f32x8; 3]) -> f32x8 {
+        let inverse_depth = |sector: usize| f32x8::splat(self.inverse_depths[sector]);
+        let (x, y) = (dot(offset, splat(self.tangent)), dot(offset, splat(self.bitangent)));
+        let (right, up) = (x.simd_ge(f32x8::ZERO), y.simd_ge(f32x8::ZERO));
+        let along_x = right.bitselect(inverse_depth(0), inverse_depth(4));
+        let along_y = up.bitselect(inverse_depth(2), inverse_depth(6));
+        let above = right.bitselect(inverse_depth(1), inverse_depth(3));
+        let below = right.bitselect(inverse_depth(7), inverse_depth(5));
+        let diagonal = up.bitselect(above, below);
+        let (x, y) = (x.abs(), y.abs());
+        let is_along_x = x.simd_ge(y);
+        let (long, short) = (is_along_x.bitselect(x, y), is_along_x.bitselect(y, x));
+        let step = short * std::f32::consts::SQRT_2;
+        ((long - short) * is_along_x.bitselect(along_x, along_y) + step * diagonal).simd_le(f32x8::ONE)
+    }
+}
+
+#[inline]
+fn splat(v: Vec3) -> [f32x8; 3] {
+    [f32x8::splat(v.x), f32x8::splat(v.y), f32x8::splat(v.z)]
+}
+
+#[inline]
+fn dot(a: [f32x8; 3], b: [f32x8; 3]) -> f32x8 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline]
+fn offset(queries: &Lanes, functions: &Lanes) -> [f32x8; 3] {
+    let (q, f) = (&queries.position, &functions.position);
+    [q[0] - f[0], q[1] - f[1], q[2] - f[2]]
 }
 
 impl LevelCells {
     /// Those of a level whose functions stand at `points`.
     pub(crate) fn build(points: &[OrientedPoint], footprint: &Footprint) -> Self {
         let cells_per_unit = 2.0 / footprint.support();
-        let mut entries: Vec<([i32; 3], u32)> = Vec::new();
+        let mut entries: Vec<(Key, u32)> = Vec::new();
         for (i, point) in points.iter().enumerate() {
-            touched_cells(point, footprint.support(), cells_per_unit, |cell| entries.push((cell.to_array(), i as u32)));
+            touched_cells(point, footprint.support(), cells_per_unit, |cell| {
+                entries.push((Key { cell: cell.to_array(), region: point.region }, i as u32));
+            });
         }
         entries.sort_unstable();
-        let groups: Vec<&[([i32; 3], u32)]> = entries.chunk_by(|a, b| a.0 == b.0).collect();
-        let free = Slot { cell: IVec3::ZERO, first: 0, n_blocks: 0 };
+        let groups: Vec<&[(Key, u32)]> = entries.chunk_by(|a, b| a.0 == b.0).collect();
+        let free = Slot { key: Key { cell: [0; 3], region: RegionId(0) }, first: 0, n_functions: 0 };
         let n_slots = (2 * groups.len()).next_power_of_two();
-        let mut cells = Self { cells_per_unit, slots: vec![free; n_slots], blocks: Vec::new() };
+        let sights = points.iter().map(Sight::of).collect();
+        let mut cells = Self { cells_per_unit, slots: vec![free; n_slots], blocks: Vec::new(), sights };
         for group in groups {
-            let cell = IVec3::from(group[0].0);
-            let mut slot = hash(cell) & (n_slots - 1);
-            while cells.slots[slot].n_blocks > 0 {
+            let key = group[0].0;
+            let mut slot = hash(key) & (n_slots - 1);
+            while cells.slots[slot].n_functions > 0 {
                 slot = (slot + 1) & (n_slots - 1);
             }
-            let n_blocks = group.len().div_ceil(LANES) as u32;
-            cells.slots[slot] = Slot { cell, first: cells.blocks.len() as u32, n_blocks };
+            cells.slots[slot] = Slot { key, first: cells.blocks.len() as u32, n_functions: group.len() as u32 };
             for of_block in group.chunks(LANES) {
                 let mut block = Block::EMPTY;
                 for (lane, &(_, function)) in of_block.iter().enumerate() {
@@ -137,39 +222,111 @@ impl LevelCells {
         query: &OrientedPoint,
         mut visit: impl FnMut(u32, f32),
     ) {
-        for block in self.blocks_at(query.position) {
-            let (weights, may_be_hidden) = block.weights(query, footprint);
-            let mut positive = (0..LANES).fold(0u32, |bits, k| bits | u32::from(weights[k] > 0.0) << k);
+        let Some(slot) = self.slot_of(query) else { return };
+        let lanes = Lanes::splat(query.position, query.normal);
+        let free_height = f32x8::splat(query.extent.free_height());
+        for block in self.blocks_of(slot) {
+            let (weights, may_be_hidden) = block.weights(&lanes, free_height, footprint);
+            let (mut positive, may_be_hidden) =
+                (weights.simd_gt(f32x8::ZERO).to_bitmask(), may_be_hidden.to_bitmask());
             while positive != 0 {
                 let k = positive.trailing_zeros() as usize % LANES;
                 positive &= positive - 1;
                 let function = block.function[k];
-                if may_be_hidden[k] && !points[function as usize].is_continued_at(query) {
+                if may_be_hidden & 1 << k != 0 && !points[function as usize].is_continued_at(query) {
                     continue;
                 }
-                visit(function, weights[k]);
+                visit(function, weights.as_array()[k]);
             }
+        }
+    }
+
+    /// `(Σ w_i α_i, Σ w_i)` at each of `queries`, the `α` being `coefficients`: the same bits as from
+    /// [`visit_weights`](Self::visit_weights), with one look at a cell for all queries in it. Zero in dark regions.
+    pub(crate) fn sums(
+        &self,
+        footprint: &Footprint,
+        queries: &[OrientedPoint],
+        coefficients: &[Rgb],
+    ) -> Vec<(Rgb, f32)> {
+        let mut keys = Vec::with_capacity(queries.len());
+        for (i, query) in queries.iter().enumerate() {
+            keys.extend(self.slot_of(query).map(|slot| (slot as u64) << 32 | i as u64));
+        }
+        keys.sort_unstable();
+        let mut out = vec![(Rgb::ZERO, 0.0); queries.len()];
+        for of_slot in keys.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let slot = (of_slot[0] >> 32) as usize;
+            for keys in of_slot.chunks(LANES) {
+                self.sum_together(slot, footprint, queries, coefficients, keys, &mut out);
+            }
+        }
+        out
+    }
+
+    /// [`sums`](Self::sums) of some queries of the same cell, no more than there are lanes: those that the lower halves of
+    /// `keys` name.
+    #[inline]
+    fn sum_together(
+        &self,
+        slot: usize,
+        footprint: &Footprint,
+        queries: &[OrientedPoint],
+        coefficients: &[Rgb],
+        keys: &[u64],
+        out: &mut [(Rgb, f32)],
+    ) {
+        let (mut lanes, mut free_height) = (Lanes::EMPTY, f32x8::ZERO);
+        for (lane, &key) in keys.iter().enumerate() {
+            let query = &queries[key as u32 as usize];
+            lanes.set(lane, query);
+            free_height.as_mut_array()[lane] = query.extent.free_height();
+        }
+        let (mut value, mut sum) = ([f32x8::ZERO; 3], f32x8::ZERO);
+        let n_functions = self.slots[slot].n_functions as usize;
+        for (i, block) in self.blocks_of(slot).iter().enumerate() {
+            for k in 0..LANES.min(n_functions - i * LANES) {
+                let function = block.splat(k);
+                let (mut weights, may_be_hidden) = function.weights(&lanes, free_height, footprint);
+                let id = block.function[k] as usize;
+                if may_be_hidden.any() {
+                    let reaches = self.sights[id].reaches(offset(&lanes, &function.lanes));
+                    weights = (may_be_hidden & !reaches).bitselect(f32x8::ZERO, weights);
+                }
+                let coefficient = splat(coefficients[id]);
+                for channel in 0..3 {
+                    value[channel] += coefficient[channel] * weights;
+                }
+                sum += weights;
+            }
+        }
+        for (lane, &key) in keys.iter().enumerate() {
+            let [r, g, b] = [0, 1, 2].map(|channel: usize| value[channel].as_array()[lane]);
+            out[key as u32 as usize] = (Rgb::new(r, g, b), sum.as_array()[lane]);
         }
     }
 
     #[inline]
-    fn blocks_at(&self, position: Vec3) -> &[Block] {
-        let cell = cell_at(position, self.cells_per_unit);
-        let mut i = hash(cell) & (self.slots.len() - 1);
-        loop {
-            let slot = &self.slots[i];
-            if slot.n_blocks == 0 {
-                return &[];
-            }
-            if slot.cell == cell {
-                return &self.blocks[slot.first as usize..(slot.first + slot.n_blocks) as usize];
+    fn blocks_of(&self, slot: usize) -> &[Block] {
+        let Slot { first, n_functions, .. } = self.slots[slot];
+        &self.blocks[first as usize..first as usize + (n_functions as usize).div_ceil(LANES)]
+    }
+
+    #[inline]
+    fn slot_of(&self, query: &OrientedPoint) -> Option<usize> {
+        let key = Key { cell: cell_at(query.position, self.cells_per_unit).to_array(), region: query.region };
+        let mut i = hash(key) & (self.slots.len() - 1);
+        while self.slots[i].n_functions > 0 {
+            if self.slots[i].key == key {
+                return Some(i);
             }
             i = (i + 1) & (self.slots.len() - 1);
         }
+        None
     }
 
     pub(crate) fn memory(&self) -> usize {
-        size_of_val(&self.slots[..]) + size_of_val(&self.blocks[..])
+        size_of_val(&self.slots[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.sights[..])
     }
 }
 
@@ -204,20 +361,21 @@ fn touched_cells(point: &OrientedPoint, support: f32, cells_per_unit: f32, mut v
 }
 
 #[inline]
-fn hash(cell: IVec3) -> usize {
-    let [x, y, z] = cell.to_array().map(|c| c as u32);
+fn hash(key: Key) -> usize {
+    let [x, y, z] = key.cell.map(|c| c as u32);
     let mixed =
         x.wrapping_mul(0x9E37_79B1).wrapping_add(y.wrapping_mul(0x85EB_CA77)).wrapping_add(z.wrapping_mul(0xC2B2_AE3D));
+    let mixed = mixed.wrapping_add(key.region.0.wrapping_mul(0x1656_67B1));
     let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x27D4_EB2F);
     (mixed ^ (mixed >> 16)) as usize
 }
 
 #[cfg(test)]
 mod tests {
-    use hplt_geom::{Extent, N_SECTORS, PointHierarchy, PointLevel, RegionId, Rgb};
+    use hplt_geom::{N_SECTORS, PointHierarchy, PointLevel};
 
     use super::*;
-    use crate::{BasisOptions, ShepardBasis, Weight, smoothstep};
+    use crate::{BasisOptions, Kernel, ShepardBasis, Weight};
 
     /// Numbers in `[0, 1)`.
     fn numbers(mut state: u32) -> impl FnMut() -> f32 {
@@ -255,7 +413,7 @@ mod tests {
     /// The cells find the functions that the kd-tree finds, with the same bits of weights, with the usual kernel and another.
     #[test]
     fn cells_give_the_weights_of_the_tree() {
-        let linear = |h: f32| (1.0 - h).max(0.0);
+        let linear = Kernel::Custom(|h| (1.0 - h).max(0.0));
         for options in [BasisOptions::default(), BasisOptions { kernel: linear, ..BasisOptions::default() }] {
             let basis = basis(options);
             let (footprint, points) = (basis.footprint(0), basis.points(0));
@@ -279,7 +437,7 @@ mod tests {
 
     #[test]
     fn blends_are_weighted_sums() {
-        let basis = basis(BasisOptions { kernel: smoothstep, ..BasisOptions::default() });
+        let basis = basis(BasisOptions::default());
         let mut next = numbers(3);
         let coefficients: Vec<Rgb> = (0..3000).map(|_| Rgb::new(next(), next(), -next())).collect();
         let mut weights = Vec::new();

@@ -1,9 +1,28 @@
 use glam::Vec3;
 
 /// A radial kernel: the weight at `h = d/b`, 1 at `h = 0`, 0 from `h = 1` on, falling in between.
-pub type Kernel = fn(f32) -> f32;
+#[derive(Debug, Clone, Copy, Default)]
+pub enum Kernel {
+    /// [`smoothstep`], which is computed for several functions at once.
+    #[default]
+    Smoothstep,
+    /// Another one.
+    Custom(fn(f32) -> f32),
+}
+
+impl Kernel {
+    /// The weight at `h`.
+    #[inline]
+    pub fn weight(self, h: f32) -> f32 {
+        match self {
+            Self::Smoothstep => smoothstep(h),
+            Self::Custom(kernel) => kernel(h),
+        }
+    }
+}
 
 /// The kernel `2h³ - 3h² + 1` of Lehtinen et al. 2008, section 4.
+#[inline]
 pub fn smoothstep(h: f32) -> f32 {
     if h < 1.0 { 1.0 - h * h * (3.0 - 2.0 * h) } else { 0.0 }
 }

@@ -53,16 +53,23 @@ impl Reconstruction<Absolute> for ExactShepard {
         queries: &[OrientedPoint],
         out: &mut [Rgb],
     ) -> Coverage {
+        let mut coverage = begin(queries, out);
+        let top = n_levels - 1;
+        let values = basis.blend_many(top, queries, coefficients.level(top));
         let mut weights = Vec::new();
-        for_each(queries, out, |query, coverage| {
-            for level in (0..n_levels).rev() {
-                if let Some(value) = basis.blend(level, query, coefficients.level(level), &mut weights) {
-                    coverage.coarser += u64::from(level + 1 < n_levels);
-                    return value;
+        for (i, query) in queries.iter().enumerate().filter(|(_, query)| query.region != RegionId::DARK) {
+            let mut coarser = (0..top).rev();
+            let mut coarser =
+                || coarser.find_map(|level| basis.blend(level, query, coefficients.level(level), &mut weights));
+            out[i] = values[i].unwrap_or_else(|| match coarser() {
+                Some(value) => {
+                    coverage.coarser += 1;
+                    value
                 }
-            }
-            nearest_on_any_level(basis, coefficients, n_levels, query, coverage)
-        })
+                None => nearest_on_any_level(basis, coefficients, n_levels, query, &mut coverage),
+            });
+        }
+        coverage
     }
 }
 
@@ -75,22 +82,22 @@ impl Reconstruction<Delta> for ExactShepard {
         queries: &[OrientedPoint],
         out: &mut [Rgb],
     ) -> Coverage {
-        let mut weights = Vec::new();
-        for_each(queries, out, |query, coverage| {
-            let mut value = Rgb::ZERO;
-            let mut finest = None;
-            for level in 0..n_levels {
-                if let Some(of_level) = basis.blend(level, query, coefficients.level(level), &mut weights) {
-                    value += of_level;
-                    finest = Some(level);
+        let mut coverage = begin(queries, out);
+        let mut finest = vec![None; queries.len()];
+        for level in 0..n_levels {
+            let values = basis.blend_many(level, queries, coefficients.level(level));
+            for (i, query) in queries.iter().enumerate().filter(|(_, query)| query.region != RegionId::DARK) {
+                if let Some(of_level) = values[i] {
+                    out[i] += of_level;
+                    finest[i] = Some(level);
                 } else if level == 0 {
                     // The base level carries the mean of the field: details alone would be wrong everywhere.
-                    value += nearest_of(basis, coefficients.level(0), 0, query, coverage);
+                    out[i] += nearest_of(basis, coefficients.level(0), 0, query, &mut coverage);
                 }
             }
-            coverage.coarser += u64::from(finest.is_some_and(|level| level + 1 < n_levels));
-            value
-        })
+        }
+        coverage.coarser = finest.iter().flatten().filter(|&&level| level + 1 < n_levels).count() as u64;
+        coverage
     }
 }
 
@@ -133,13 +140,19 @@ impl Reconstruction<Delta> for ApproximateNearest {
     }
 }
 
+/// Zeroes, and the books of that many queries.
+fn begin(queries: &[OrientedPoint], out: &mut [Rgb]) -> Coverage {
+    assert_eq!(queries.len(), out.len(), "queries and results");
+    out.fill(Rgb::ZERO);
+    Coverage { queries: queries.len() as u64, ..Coverage::default() }
+}
+
 pub(crate) fn for_each(
     queries: &[OrientedPoint],
     out: &mut [Rgb],
     mut evaluate: impl FnMut(&OrientedPoint, &mut Coverage) -> Rgb,
 ) -> Coverage {
-    assert_eq!(queries.len(), out.len(), "queries and results");
-    let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
+    let mut coverage = begin(queries, out);
     let mut answer = |i: usize| {
         let query = &queries[i];
         out[i] = if query.region == RegionId::DARK { Rgb::ZERO } else { evaluate(query, &mut coverage) };
@@ -153,10 +166,10 @@ pub(crate) fn for_each(
 }
 
 /// Queries below this number are answered in the order given.
-const FEW: usize = 64;
+pub(crate) const FEW: usize = 64;
 
 /// The queries cell by cell of a grid, so that what is read for one is in the nearest cache for the next.
-fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
+pub(crate) fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
     const CELLS_PER_AXIS: f32 = 64.0;
     let key = |(i, query): (usize, &OrientedPoint)| {
         // Saturates for what is outside.

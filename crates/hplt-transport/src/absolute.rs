@@ -54,8 +54,8 @@ fn absolute_bounce(
     let mut active = Vec::new();
     for level in 0..basis.n_levels() {
         active = merge(active, &always_active(basis, level));
-        let gathered = gather_level(model, sender, level, &active, options, progress)?;
-        account.enter(basis, level, &active, &gathered, options.n_rays)?;
+        let (gathered, coverage) = gather_level(model, sender, level, &active, options, progress)?;
+        account.enter(basis, level, &active, &gathered, coverage, options.n_rays)?;
         let mut values = match level {
             0 => vec![Rgb::ZERO; basis.n_functions(0)],
             _ if options.shaped_push_down => shaped(basis.parents(level), &new, so_far[1], level),

@@ -4,7 +4,7 @@ use hplt_basis::{Coefficients, Coverage, ShepardBasis};
 use hplt_geom::{Interrupted, Progress, RegionId, Rgb, parallel};
 use hplt_sampling::random::Stage;
 
-use crate::gather::{Counter, Gathered, Scratch, gather, scramble};
+use crate::gather::{Batch, Counter, Gathered, scramble};
 use crate::{BounceReport, Error, Model, Sender, StopReason, TransportOptions, TransportReport};
 
 /// Gathers the `active` functions of a level, in order.
@@ -15,16 +15,26 @@ pub(crate) fn gather_level<E>(
     active: &[u32],
     options: &TransportOptions,
     progress: &dyn Progress,
-) -> Result<Vec<Gathered>, Interrupted> {
+) -> Result<(Vec<Gathered>, Coverage), Interrupted> {
+    const BATCH: usize = 32;
+    let batches: Vec<&[u32]> = active.chunks(BATCH).collect();
     let counter = Counter::new(progress, "bounce", active.len());
     let first_id: usize = (0..level).map(|l| model.basis.n_functions(l)).sum();
-    parallel::try_map(active.len(), Scratch::default, |scratch, k| {
-        counter.step()?;
-        let function = active[k];
-        let receiver = &model.basis.points(level)[function as usize];
-        let scramble = scramble(options.seed, Stage::Gather, first_id as u32 + function);
-        Ok(gather(model, sender, receiver, scramble, options.n_rays, scratch))
-    })
+    let batches = parallel::try_map(batches.len(), Batch::default, |batch, k| {
+        for &function in batches[k] {
+            counter.step()?;
+            let receiver = &model.basis.points(level)[function as usize];
+            let scramble = scramble(options.seed, Stage::Gather, first_id as u32 + function);
+            batch.trace(model, receiver, scramble, options.n_rays);
+        }
+        Ok::<_, Interrupted>(batch.read(model, sender, options.n_rays))
+    })?;
+    let (mut gathers, mut coverage) = (Vec::with_capacity(active.len()), Coverage::default());
+    for (of_batch, its_coverage) in batches {
+        gathers.extend(of_batch);
+        coverage += its_coverage;
+    }
+    Ok((gathers, coverage))
 }
 
 /// The children of the refined functions of `level`, ascending, each once.
@@ -110,17 +120,18 @@ impl Account {
         level: usize,
         active: &[u32],
         gathered: &[Gathered],
+        coverage: Coverage,
         n_rays: u32,
     ) -> Result<(), Error> {
         self.current.integrals.push(active.len() as u64);
         self.current.rays += active.len() as u64 * u64::from(n_rays);
+        self.current.coverage += coverage;
         for (&function, g) in active.iter().zip(gathered) {
             if !g.irradiance.is_finite() {
                 let bounce = self.bounces.len() + 1;
                 return Err(Error::NotFinite { bounce, level, function: function as usize });
             }
             self.current.escaped += u64::from(g.escaped);
-            self.current.coverage += g.coverage;
             let region = &mut self.regions[basis.points(level)[function as usize].region.0 as usize];
             region.max_row_sum = region.max_row_sum.max(g.row_sum);
             region.min_row_sum = region.min_row_sum.min(g.row_sum.max_element());

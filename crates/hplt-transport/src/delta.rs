@@ -51,8 +51,8 @@ fn delta_bounce(
     let mut active = Vec::new();
     for level in 0..basis.n_levels() {
         active = merge(active, &always_active(basis, level));
-        let gathered = gather_level(model, sender, level, &active, options, progress)?;
-        account.enter(basis, level, &active, &gathered, options.n_rays)?;
+        let (gathered, coverage) = gather_level(model, sender, level, &active, options, progress)?;
+        account.enter(basis, level, &active, &gathered, coverage, options.n_rays)?;
         let points: Vec<OrientedPoint> = active.iter().map(|&i| basis.points(level)[i as usize]).collect();
         let inherited = field_at(model, &new, sender.reconstruction, level, &points);
         let before = field_at(model, so_far, sender.reconstruction, level + 1, &points);

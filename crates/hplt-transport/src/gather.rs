@@ -40,20 +40,15 @@ pub(crate) struct Gathered {
     /// Mean albedo over all rays, misses counting zero: the row sum of the operator.
     pub row_sum: Rgb,
     pub escaped: u32,
-    pub coverage: Coverage,
 }
 
-/// Buffers of one worker.
+/// The rays of one receiver. Buffers of one worker.
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub rays: Vec<Ray>,
     pub hits: Vec<Hit>,
     /// Two more coordinates of each ray's sample, for what is to be chosen where it lands.
     pub second: Vec<Vec2>,
-    queries: Vec<OrientedPoint>,
-    weights: Vec<Rgb>,
-    ray_of_query: Vec<u32>,
-    values: Vec<Rgb>,
 }
 
 impl Scratch {
@@ -71,61 +66,69 @@ impl Scratch {
         self.hits.clear();
         self.hits.resize(self.rays.len(), Hit::MISS);
         caster.trace_nearest(&self.rays, &mut self.hits);
-        self.queries.clear();
-        self.weights.clear();
-        self.ray_of_query.clear();
-    }
-
-    /// Notes that ray `ray` brings `weight` times the irradiance at `query`.
-    pub fn push_query(&mut self, ray: u32, weight: Rgb, query: OrientedPoint) {
-        self.weights.push(weight);
-        self.queries.push(query);
-        self.ray_of_query.push(ray);
-    }
-
-    /// Reads the noted queries from `sender` into `groups`.
-    pub fn read_queries<E>(&mut self, model: &Model<'_>, sender: &Sender<'_, E>, groups: &mut Groups) -> Coverage {
-        self.values.clear();
-        self.values.resize(self.queries.len(), Rgb::ZERO);
-        let coverage = sender.read(model.basis, &self.queries, &mut self.values);
-        for ((value, weight), &ray) in self.values.iter().zip(&self.weights).zip(&self.ray_of_query) {
-            groups.add(ray, *value * *weight);
-        }
-        coverage
     }
 }
 
-/// `(1/N) Σ ρ(y_k) F_s(y_k)` over the rays of `receiver`.
-pub(crate) fn gather<E>(
-    model: &Model<'_>,
-    sender: &Sender<'_, E>,
-    receiver: &OrientedPoint,
-    scramble: u32,
-    n_rays: u32,
-    scratch: &mut Scratch,
-) -> Gathered {
-    scratch.trace(model.caster, receiver, scramble, n_rays);
-    let mut result = Gathered::default();
-    let mut row_sum = DVec3::ZERO;
-    for k in 0..scratch.hits.len() {
-        let hit = scratch.hits[k];
-        if hit.is_miss() {
-            result.escaped += 1;
-            continue;
+/// Gathers of several receivers, `(1/N) Σ ρ(y_k) F_s(y_k)` over the rays of each, which read the senders together: rays of
+/// different receivers land side by side.
+#[derive(Default)]
+pub(crate) struct Batch {
+    scratch: Scratch,
+    gathers: Vec<Gathered>,
+    landings: Vec<Landing>,
+    queries: Vec<OrientedPoint>,
+    values: Vec<Rgb>,
+}
+
+/// Where a ray found something that reflects light.
+struct Landing {
+    /// Index into the gathers of the batch.
+    receiver: u32,
+    ray: u32,
+    albedo: Rgb,
+}
+
+impl Batch {
+    /// Traces the rays of one more receiver.
+    pub fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
+        self.scratch.trace(model.caster, receiver, scramble, n_rays);
+        let mut gathered = Gathered::default();
+        let mut row_sum = DVec3::ZERO;
+        for (ray, hit) in self.scratch.hits.iter().enumerate() {
+            if hit.is_miss() {
+                gathered.escaped += 1;
+                continue;
+            }
+            let surface = model.scene.surface_at(hit);
+            let albedo = model.scene.albedo(&surface);
+            if albedo == Rgb::ZERO {
+                continue;
+            }
+            row_sum += albedo.as_dvec3();
+            self.landings.push(Landing { receiver: self.gathers.len() as u32, ray: ray as u32, albedo });
+            self.queries.push(arrival(&surface, receiver.region));
         }
-        let surface = model.scene.surface_at(&hit);
-        let albedo = model.scene.albedo(&surface);
-        if albedo == Rgb::ZERO {
-            continue;
-        }
-        row_sum += albedo.as_dvec3();
-        scratch.push_query(k as u32, albedo, arrival(&surface, receiver.region));
+        gathered.row_sum = (row_sum / f64::from(n_rays)).as_vec3();
+        self.gathers.push(gathered);
     }
-    let mut groups = Groups::new(n_rays);
-    result.coverage = scratch.read_queries(model, sender, &mut groups);
-    (result.irradiance, result.noise) = groups.mean_and_noise();
-    result.row_sum = (row_sum / f64::from(n_rays)).as_vec3();
-    result
+
+    /// Reads the senders wherever the `n_rays` rays of each receiver have landed, and empties the batch.
+    pub fn read<E>(&mut self, model: &Model<'_>, sender: &Sender<'_, E>, n_rays: u32) -> (Vec<Gathered>, Coverage) {
+        self.values.clear();
+        self.values.resize(self.queries.len(), Rgb::ZERO);
+        let coverage = sender.read(model.basis, &self.queries, &mut self.values);
+        let mut groups = vec![Groups::new(n_rays); self.gathers.len()];
+        for (landing, value) in self.landings.iter().zip(&self.values) {
+            groups[landing.receiver as usize].add(landing.ray, *value * landing.albedo);
+        }
+        self.landings.clear();
+        self.queries.clear();
+        let mut gathers = std::mem::take(&mut self.gathers);
+        for (gathered, groups) in gathers.iter_mut().zip(groups) {
+            (gathered.irradiance, gathered.noise) = groups.mean_and_noise();
+        }
+        (gathers, coverage)
+    }
 }
 
 /// What a gather ray meets, as a query: it is in the receiver's region, since the receiver sees it.
@@ -134,6 +137,7 @@ pub(crate) fn arrival(surface: &SurfacePoint, region: RegionId) -> OrientedPoint
 }
 
 /// What the rays of one receiver bring, in groups of consecutive rays.
+#[derive(Clone)]
 pub(crate) struct Groups {
     sums: [DVec3; GROUPS],
     n_rays: u32,

@@ -72,7 +72,7 @@
 //! # Swapping a stage
 //!
 //! A trait exists where a stage calls back: [`geom::RayCaster`], [`transport::Oracle`], [`basis::Reconstruction`], and the
-//! function [`basis::Kernel`]. Everything else is swapped by calling another function. The examples `swap_caster`, `swap_oracle`,
+//! function in [`basis::Kernel`]. Everything else is swapped by calling another function. The examples `swap_caster`, `swap_oracle`,
 //! `swap_reconstruction` and `swap_kernel` replace one stage each, in at most 20 lines, and print what that changes; `cornell` is the
 //! whole way to a PNG and an EXR file.
 //!

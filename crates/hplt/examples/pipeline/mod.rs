@@ -2,7 +2,7 @@
 #![allow(dead_code)] // every example uses a part
 
 use hplt::basis::{
-    Absolute, ApproximateNearest, BasisOptions, ExactShepard, Kernel, Reconstruction, ShepardBasis, smoothstep,
+    Absolute, ApproximateNearest, BasisOptions, ExactShepard, Kernel, Reconstruction, ShepardBasis,
 };
 use hplt::geom::{Bvh, BvhOptions, Image, NoProgress, RayCaster, Scene};
 use hplt::reference::{metrics::image_error, scenes};
@@ -33,7 +33,7 @@ pub struct Stages<'a> {
 impl<'a> Stages<'a> {
     /// What hplt brings.
     pub fn usual(caster: &'a dyn RayCaster) -> Self {
-        Self { caster, kernel: smoothstep, oracle: None, senders: &ApproximateNearest, display: &ExactShepard }
+        Self { caster, kernel: Kernel::Smoothstep, oracle: None, senders: &ApproximateNearest, display: &ExactShepard }
     }
 }
 
