@@ -1,8 +1,7 @@
 use std::sync::OnceLock;
 
-use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, parallel};
+use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, Rgb, parallel};
 use hplt_kdtree::KdTree;
-use wide::f32x8;
 
 use crate::cells::{LevelCells, MAX_FUNCTIONS};
 use crate::kernel::distance_squared;
@@ -42,8 +41,8 @@ pub const MIN_WEIGHT_SUM: f32 = 1e-6;
 #[derive(Debug, Clone, Copy)]
 pub struct Footprint {
     support: f32,
-    inverse_support: f32,
-    kernel: Kernel,
+    pub(crate) inverse_support: f32,
+    pub(crate) kernel: Kernel,
 }
 
 impl Footprint {
@@ -54,21 +53,8 @@ impl Footprint {
 
     /// The kernel at this squared distance.
     #[inline]
-    fn radial_weight(&self, distance_squared: f32) -> f32 {
+    pub(crate) fn radial_weight(&self, distance_squared: f32) -> f32 {
         self.kernel.weight(distance_squared.sqrt() * self.inverse_support)
-    }
-
-    /// The weights at these squared distances and cosines between normals; 0 where a cosine is 0.
-    #[inline]
-    pub(crate) fn weights(&self, distances_squared: f32x8, cosines: f32x8) -> f32x8 {
-        let radial = match self.kernel {
-            Kernel::Smoothstep => {
-                let h = (distances_squared.sqrt() * self.inverse_support).fast_min(f32x8::ONE);
-                1.0 - h * h * (3.0 - 2.0 * h)
-            }
-            Kernel::Custom(_) => f32x8::new(distances_squared.to_array().map(|d| self.radial_weight(d))),
-        };
-        radial * cosines * cosines
     }
 
     /// The unnormalised weight `w_i` at `query` of the function at `point`.
@@ -209,29 +195,23 @@ impl ShepardBasis {
         }
         let cells = self.cells[level].get_or_init(|| LevelCells::build(points, &footprint));
         let (mut value, mut sum) = (Rgb::ZERO, 0.0);
-        cells.visit_weights(points, &footprint, query, |function, weight| {
+        for &function in cells.at(query) {
+            let weight = footprint.weight(&points[function as usize], query);
             value += coefficients[function as usize] * weight;
             sum += weight;
-        });
+        }
         (sum >= MIN_WEIGHT_SUM).then(|| value * (1.0 / sum))
     }
 
     /// [`blend`](Self::blend) at each of many queries, in any order, with the same bits, in a fraction of the time where many lie
-    /// near each other. `None` in dark regions.
-    pub(crate) fn blend_many(
-        &self,
-        level: usize,
-        queries: &[OrientedPoint],
-        coefficients: &[Rgb],
-    ) -> Vec<Option<Rgb>> {
+    /// near each other.
+    pub(crate) fn blend_many(&self, level: usize, queries: &[OrientedPoint], coefficients: &[Rgb]) -> Vec<Option<Rgb>> {
         let (footprint, points) = (self.footprint(level), self.points(level));
         if points.len() > MAX_FUNCTIONS || queries.len() < FEW {
             let mut scratch = Vec::new();
             let mut out = vec![None; queries.len()];
             for i in coherent_order(queries) {
-                if queries[i].region != RegionId::DARK {
-                    out[i] = self.blend(level, &queries[i], coefficients, &mut scratch);
-                }
+                out[i] = self.blend(level, &queries[i], coefficients, &mut scratch);
             }
             return out;
         }

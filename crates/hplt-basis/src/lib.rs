@@ -28,6 +28,7 @@ mod cells;
 mod coefficients;
 mod coverage;
 mod kernel;
+mod lanes;
 mod layered;
 mod nearest;
 mod parents;

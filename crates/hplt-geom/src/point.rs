@@ -71,7 +71,13 @@ impl Extent {
             return true;
         }
         let (tangent, bitangent) = normal.any_orthonormal_pair();
-        let (x, y) = (offset.dot(tangent), offset.dot(bitangent));
+        self.part_of_sight(offset.dot(tangent), offset.dot(bitangent)) <= 1.0
+    }
+
+    /// How far an offset with these coordinates in the tangent plane goes, as a part of what is in sight in its direction; linear
+    /// between the directions of the sectors.
+    #[inline]
+    fn part_of_sight(&self, x: f32, y: f32) -> f32 {
         let along_x = if x >= 0.0 { 0 } else { 4 };
         let along_y = if y >= 0.0 { 2 } else { 6 };
         let diagonal = match (x >= 0.0, y >= 0.0) {
@@ -85,9 +91,29 @@ impl Extent {
         let (x, y) = (x.abs(), y.abs());
         let (axis, long, short) = if x >= y { (along_x, x, y) } else { (along_y, y, x) };
         let step = std::f32::consts::SQRT_2 * short;
-        (long - short) * self.inverse_depths[axis] + step * self.inverse_depths[diagonal] <= 1.0
+        (long - short) * self.inverse_depths[axis] + step * self.inverse_depths[diagonal]
+    }
+
+    /// Whether every offset between `low` and `high` is outside, and not so near to the edge that rounding would decide. In
+    /// coordinates along the first and the third of the [sector directions](Self::sector_directions) and the normal.
+    pub fn misses_box(&self, low: Vec3, high: Vec3) -> bool {
+        high.z < -self.below || low.z > self.above || self.least_part_of_sight(low, high) > 1.0 + SIGHT_TOLERANCE
+    }
+
+    /// The least [`part_of_sight`](Self::part_of_sight) in a box. Being linear in every sector, it is at a corner of the box, where
+    /// an edge crosses the direction of a sector, or at the point itself.
+    fn least_part_of_sight(&self, low: Vec3, high: Vec3) -> f32 {
+        let (x_in, y_in) = (|x: f32| x.clamp(low.x, high.x), |y: f32| y.clamp(low.y, high.y));
+        let on_left_and_right =
+            [low.x, high.x].into_iter().flat_map(|x| [low.y, high.y, y_in(0.0), y_in(x), y_in(-x)].map(|y| (x, y)));
+        let on_the_others = [low.y, high.y].into_iter().flat_map(|y| [x_in(0.0), x_in(y), x_in(-y)].map(|x| (x, y)));
+        let center = self.part_of_sight(x_in(0.0), y_in(0.0));
+        on_left_and_right.chain(on_the_others).fold(center, |least, (x, y)| least.min(self.part_of_sight(x, y)))
     }
 }
+
+/// What rounding may make of a [`part_of_sight`](Extent::part_of_sight) about 1, and more.
+const SIGHT_TOLERANCE: f32 = 1e-3;
 
 /// A point on one side of the surface. 76 bytes, scene space.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -168,5 +194,43 @@ impl PointHierarchy {
     /// Bytes that the points take.
     pub fn memory(&self) -> usize {
         self.n_points() * size_of::<OrientedPoint>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers in `[0, 1)`.
+    fn numbers(mut state: u32) -> impl FnMut() -> f32 {
+        move || {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            (state >> 8) as f32 / 16_777_216.0
+        }
+    }
+
+    /// A box that is missed holds no offset inside.
+    #[test]
+    fn boxes_are_missed_where_all_of_them_is_outside() {
+        let mut next = numbers(1);
+        let (mut n_missed, mut n_touched) = (0, 0);
+        for _ in 0..2000 {
+            let inverse_depths = [(); N_SECTORS].map(|()| (12.0 * next() - 4.0).max(0.0));
+            let extent = Extent { below: 0.3 * next(), above: 0.3 * next(), inverse_depths, ..Extent::OPEN };
+            let normal = (Vec3::new(next(), next(), next()) - 0.5).normalize();
+            let [tangent, _, bitangent, ..] = Extent::sector_directions(normal);
+            let low = Vec3::new(next(), next(), next()) - 0.6;
+            let size = 0.4 * Vec3::new(next(), next(), next());
+            let touches = (0..200).any(|_| {
+                let p = low + size * Vec3::new(next(), next(), next());
+                extent.contains(p.x * tangent + p.y * bitangent + p.z * normal, normal)
+            });
+            let misses = extent.misses_box(low, low + size);
+            assert!(!(misses && touches), "{extent:?} {low} {size}");
+            n_missed += usize::from(misses);
+            n_touched += usize::from(touches);
+        }
+        // What is neither is the price of rounding and of too few offsets.
+        assert!(n_missed + n_touched > 1900 && n_missed > 300, "{n_missed} {n_touched}");
     }
 }

@@ -8,5 +8,9 @@ fn wendland(h: f32) -> f32 {
 
 fn main() -> pipeline::Result<()> {
     let (scene, bvh) = pipeline::cornell();
-    pipeline::compare(&scene, &bvh, pipeline::Stages { kernel: Kernel::Custom(wendland), ..pipeline::Stages::usual(&bvh) })
+    pipeline::compare(
+        &scene,
+        &bvh,
+        pipeline::Stages { kernel: Kernel::Custom(wendland), ..pipeline::Stages::usual(&bvh) },
+    )
 }

@@ -1,9 +1,7 @@
 //! The pipeline that the examples share: everything but the stage that each of them replaces.
 #![allow(dead_code)] // every example uses a part
 
-use hplt::basis::{
-    Absolute, ApproximateNearest, BasisOptions, ExactShepard, Kernel, Reconstruction, ShepardBasis,
-};
+use hplt::basis::{Absolute, ApproximateNearest, BasisOptions, ExactShepard, Kernel, Reconstruction, ShepardBasis};
 use hplt::geom::{Bvh, BvhOptions, Image, NoProgress, RayCaster, Scene};
 use hplt::reference::{metrics::image_error, scenes};
 use hplt::sampling::{Hierarchy, HierarchyOptions, poisson_hierarchy, random::Stage};
