@@ -21,6 +21,8 @@
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
+use bytemuck::Pod;
+
 use crate::files::open_regular;
 use crate::{Error, Limits, write_atomically};
 
@@ -131,14 +133,12 @@ fn write_all(writer: &mut impl Write, solution: &SolutionFile) -> std::io::Resul
     }
     write_section(writer, 0, "", text.as_bytes())?;
     for Section { name, data } in &solution.sections {
-        match data {
-            SectionData::F32(v) => {
-                write_section(writer, 1, name, &v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
-            }
-            SectionData::U32(v) => {
-                write_section(writer, 2, name, &v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
-            }
-        }
+        let (kind, words): (u32, &[u32]) = match data {
+            SectionData::F32(v) => (1, bytemuck::cast_slice(v)),
+            SectionData::U32(v) => (2, v),
+        };
+        let words: Vec<u32> = words.iter().map(|word| word.to_le()).collect();
+        write_section(writer, kind, name, bytemuck::cast_slice(&words))?;
     }
     Ok(())
 }
@@ -165,7 +165,7 @@ struct SectionReader<R> {
 
 impl<R: Read> SectionReader<R> {
     fn read_file(&mut self) -> Result<SolutionFile, Error> {
-        let header = self.bytes(20, "header")?;
+        let header: Vec<u8> = self.read(20, "header")?;
         if header[..8] != MAGIC {
             return Err(Error::invalid("header", "SOLUTION_MAGIC", "is not a solution file"));
         }
@@ -182,16 +182,16 @@ impl<R: Read> SectionReader<R> {
         }
         let mut solution = SolutionFile::default();
         for i in 0..n_sections {
-            let (kind, name, data) = self.section(i)?;
             let place = format!("section {i}");
+            let (kind, name, length) = self.section_head(&place)?;
             match (i, kind) {
-                (0, 0) => solution.metadata = metadata(&place, data)?,
+                (0, 0) => solution.metadata = metadata(&place, self.data(&place, &name, length)?)?,
                 (1.., 1) => {
-                    let data = SectionData::F32(words(&place, &data)?.map(f32::from_bits).collect());
+                    let data = SectionData::F32(self.words(&place, &name, length)?);
                     solution.sections.push(Section { name, data });
                 }
                 (1.., 2) => {
-                    let data = SectionData::U32(words(&place, &data)?.collect());
+                    let data = SectionData::U32(self.words(&place, &name, length)?);
                     solution.sections.push(Section { name, data });
                 }
                 _ => {
@@ -205,37 +205,54 @@ impl<R: Read> SectionReader<R> {
         Ok(solution)
     }
 
-    fn section(&mut self, i: u32) -> Result<(u32, String, Vec<u8>), Error> {
-        let place = format!("section {i}");
-        let head = self.bytes(20, &place)?;
-        check_crc(&place, &[&head[..16]], &head[16..])?;
+    /// Kind, name and bytes of the data.
+    fn section_head(&mut self, place: &str) -> Result<(u32, String, u64), Error> {
+        let head: Vec<u8> = self.read(20, place)?;
+        check_crc(place, &[&head[..16]], &head[16..])?;
         let name_length = u32_at(&head, 4);
         if name_length > MAX_NAME {
             return Err(Error::invalid(place, "SOLUTION_CORRUPT", "the name is too long"));
         }
-        let data_length = u64::from(u32_at(&head, 8)) | u64::from(u32_at(&head, 12)) << 32;
-        let name = self.bytes(name_length.into(), &place)?;
-        let data = self.bytes(data_length, &place)?;
-        let crc = self.bytes(4, &place)?;
-        check_crc(&place, &[&name, &data], &crc)?;
+        let name = self.read(name_length.into(), place)?;
         let name =
-            String::from_utf8(name).map_err(|_| Error::invalid(&place, "SOLUTION_CORRUPT", "the name is not UTF-8"))?;
-        Ok((u32_at(&head, 0), name, data))
+            String::from_utf8(name).map_err(|_| Error::invalid(place, "SOLUTION_CORRUPT", "the name is not UTF-8"))?;
+        Ok((u32_at(&head, 0), name, u64::from(u32_at(&head, 8)) | u64::from(u32_at(&head, 12)) << 32))
     }
 
-    fn bytes(&mut self, n: u64, place: &str) -> Result<Vec<u8>, Error> {
+    /// Data of `length` bytes, checked.
+    fn data<T: Pod>(&mut self, place: &str, name: &str, length: u64) -> Result<Vec<T>, Error> {
+        let data = self.read(length, place)?;
+        let crc: Vec<u8> = self.read(4, place)?;
+        check_crc(place, &[name.as_bytes(), bytemuck::cast_slice(&data)], &crc)?;
+        Ok(data)
+    }
+
+    /// Data of four bytes each.
+    fn words<T: Pod>(&mut self, place: &str, name: &str, length: u64) -> Result<Vec<T>, Error> {
+        if !length.is_multiple_of(4) {
+            return Err(Error::invalid(place, "SOLUTION_CORRUPT", "its length is not a multiple of 4"));
+        }
+        let mut data = self.data(place, name, length)?;
+        for word in bytemuck::cast_slice_mut::<T, u32>(&mut data) {
+            *word = u32::from_le(*word);
+        }
+        Ok(data)
+    }
+
+    /// The next `n` bytes.
+    fn read<T: Pod>(&mut self, n: u64, place: &str) -> Result<Vec<T>, Error> {
         let truncated =
             || Error::invalid(place, "SOLUTION_TRUNCATED", format!("needs {n} bytes; the file has {} more", self.left));
         if n > self.left {
             return Err(truncated());
         }
-        let length = usize::try_from(n).map_err(|_| truncated())?;
-        let mut bytes = Vec::new();
-        bytes.try_reserve_exact(length).map_err(|_| Error::limit(place, "LIMIT_MEMORY", "bytes", n, 0))?;
-        bytes.resize(length, 0);
-        self.reader.read_exact(&mut bytes).map_err(|_| truncated())?;
+        let length = usize::try_from(n).map_err(|_| truncated())? / size_of::<T>();
+        let mut data = Vec::new();
+        data.try_reserve_exact(length).map_err(|_| Error::limit(place, "LIMIT_MEMORY", "bytes", n, 0))?;
+        data.resize(length, T::zeroed());
+        self.reader.read_exact(bytemuck::cast_slice_mut(&mut data)).map_err(|_| truncated())?;
         self.left -= n;
-        Ok(bytes)
+        Ok(data)
     }
 }
 
@@ -259,63 +276,15 @@ fn metadata(place: &str, data: Vec<u8>) -> Result<Vec<(String, String)>, Error> 
     lines.map(|l| l.split_once('\t').map(|(k, v)| (k.to_owned(), v.to_owned())).ok_or_else(bad)).collect()
 }
 
-fn words<'a>(place: &str, data: &'a [u8]) -> Result<impl Iterator<Item = u32> + 'a, Error> {
-    if !data.len().is_multiple_of(4) {
-        return Err(Error::invalid(place, "SOLUTION_CORRUPT", "its length is not a multiple of 4"));
-    }
-    Ok(data.chunks_exact(4).map(|c| u32_at(c, 0)))
-}
-
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
 /// CRC-32 (IEEE 802.3, as in PNG and zip) of the parts one after another.
 fn crc32(parts: &[&[u8]]) -> u32 {
-    const TABLES: [[u32; 256]; 8] = crc_tables();
-    let mut crc = u32::MAX;
-    for part in parts {
-        let mut chunks = part.chunks_exact(8);
-        for c in &mut chunks {
-            let low = crc ^ u32_at(c, 0);
-            let high = u32_at(c, 4);
-            crc = 0;
-            for k in 0..4 {
-                crc ^= TABLES[7 - k][(low >> (8 * k)) as usize & 255] ^ TABLES[3 - k][(high >> (8 * k)) as usize & 255];
-            }
-        }
-        for &byte in chunks.remainder() {
-            crc = TABLES[0][((crc ^ u32::from(byte)) & 255) as usize] ^ (crc >> 8);
-        }
-    }
-    !crc
-}
-
-/// Table `k` advances a byte by `k + 1` bytes.
-const fn crc_tables() -> [[u32; 256]; 8] {
-    let mut tables = [[0; 256]; 8];
-    let mut i = 0;
-    while i < 256 {
-        let mut crc = i as u32;
-        let mut bit = 0;
-        while bit < 8 {
-            crc = if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
-            bit += 1;
-        }
-        tables[0][i] = crc;
-        i += 1;
-    }
-    let mut k = 1;
-    while k < 8 {
-        let mut i = 0;
-        while i < 256 {
-            let before = tables[k - 1][i];
-            tables[k][i] = tables[0][(before & 255) as usize] ^ (before >> 8);
-            i += 1;
-        }
-        k += 1;
-    }
-    tables
+    let mut hasher = crc32fast::Hasher::new();
+    parts.iter().for_each(|part| hasher.update(part));
+    hasher.finalize()
 }
 
 #[cfg(test)]
