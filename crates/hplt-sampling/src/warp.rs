@@ -128,6 +128,39 @@ pub fn spherical_triangle(u: Vec2, corners: [Vec3; 3]) -> Option<(Vec3, f32)> {
     Some((direction.as_vec3(), solid_angle as f32))
 }
 
+/// A unit direction uniform over the solid angle of a rectangle seen from the origin, and that solid angle, sr (Ureña, Fajardo & King,
+/// "An Area-Preserving Parametrization for Spherical Rectangles", 2013). From one `corner` its two `edges` go out at right angles. `None`
+/// where it is seen edge-on, or is too small to tell.
+pub fn spherical_rectangle(u: Vec2, corner: Vec3, edges: [Vec3; 2]) -> Option<(Vec3, f32)> {
+    let [ex, ey] = edges.map(|e| e.as_dvec3());
+    let (x, y) = (ex.try_normalize()?, ey.try_normalize()?);
+    let corner = corner.as_dvec3();
+    let z = x.cross(y);
+    let (x0, y0, z0) = (corner.dot(x), corner.dot(y), corner.dot(z));
+    let (z, z0) = if z0 > 0.0 { (-z, -z0) } else { (z, z0) };
+    if z0 == 0.0 {
+        return None;
+    }
+    let (x1, y1) = (x0 + ex.length(), y0 + ey.length());
+    // What the normals of the planes through the sides and the origin have along z.
+    let [side_y0, side_x1, side_y1, side_x0] = [-y0, x1, y1, -x0].map(|k| k / k.hypot(z0));
+    let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
+    let rest = std::f64::consts::TAU - angle(side_y1, side_x0) - angle(side_x0, side_y0);
+    let solid_angle = angle(side_y0, side_x1) + angle(side_x1, side_y1) - rest;
+    if solid_angle < LEAST_SOLID_ANGLE {
+        return None;
+    }
+    let (sin, cos) = (f64::from(u.x) * solid_angle + rest).sin_cos();
+    let f = (cos * side_y0 - side_y1) / sin;
+    let cos_u = (f.signum() / f.hypot(side_y0)).clamp(-1.0, 1.0);
+    let at_x = (-cos_u * z0 / (1.0 - cos_u * cos_u).sqrt()).clamp(x0, x1);
+    let to_line = at_x.hypot(z0);
+    let [h0, h1] = [y0, y1].map(|k| k / k.hypot(to_line));
+    let h = h0 + f64::from(u.y) * (h1 - h0);
+    let at_y = (h * to_line / (1.0 - h * h).max(0.0).sqrt()).clamp(y0, y1);
+    Some(((at_x * x + at_y * y + z0 * z).normalize().as_vec3(), solid_angle as f32))
+}
+
 /// The density of [`uniform_triangle`] per unit area of a triangle of the given area.
 pub fn uniform_triangle_pdf_area(area: f64) -> f64 {
     1.0 / area

@@ -241,3 +241,36 @@ fn spherical_triangles_are_uniform_in_solid_angle() {
     assert_eq!(warp::spherical_triangle(Vec2::ZERO, [Vec3::X, Vec3::Y, Vec3::X]), None);
     assert_eq!(warp::spherical_triangle(Vec2::ZERO, [Vec3::X, Vec3::Y, Vec3::X + Vec3::Y]), None);
 }
+
+/// Uniform over the solid angle of a rectangle, near, far, and with the origin below its middle or beside it: the area is that of its
+/// two triangles, every direction hits it, and the mean cosine is the exact form factor.
+#[test]
+fn spherical_rectangles_are_uniform_in_solid_angle() {
+    let turn = glam::Mat3::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.9);
+    let around = (Vec3::new(-3.0, -1.0, 0.2), [5.0 * Vec3::X, 4.0 * Vec3::Y]);
+    let beside = (Vec3::new(0.5, 0.3, 1.0), [0.2 * Vec3::Y, 3.0 * Vec3::X]);
+    let far = (turn * Vec3::new(3.0, -2.0, 0.5), [turn * Vec3::X, turn * Vec3::Z]);
+    for (corner, edges) in [around, beside, far] {
+        let corners = [corner, corner + edges[0], corner + edges[0] + edges[1], corner + edges[1]];
+        let directions = corners.map(|p| p.as_dvec3().normalize());
+        let triangle =
+            |[a, b, c]: [glam::DVec3; 3]| 2.0 * a.dot(b.cross(c)).abs().atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
+        let [a, b, c, d] = directions;
+        let expected = triangle([a, b, c]) + triangle([a, c, d]);
+        let up = directions.iter().sum::<glam::DVec3>().normalize();
+        let factor = hplt_geom::radiometry::polygon_form_factor(up, &directions).abs();
+        let sample = |u| warp::spherical_rectangle(u, corner, edges).unwrap();
+        assert!((f64::from(sample(Vec2::splat(0.5)).1) / expected - 1.0).abs() < 1e-5);
+        let normal = edges[0].cross(edges[1]);
+        let hits = |d: Vec3| {
+            let p = d * (corner.dot(normal) / d.dot(normal)) - corner;
+            edges.iter().all(|e| (-1e-4..=1.0001).contains(&(p.dot(*e) / e.length_squared())))
+        };
+        assert!(grid(64).all(|u| hits(sample(u).0)));
+        let above = |d: Vec3| f64::from(warp::cosine_hemisphere_pdf_solid_angle(d.dot(up.as_vec3()).max(0.0)));
+        let cosines = mean(256, |u| above(sample(u).0));
+        assert!((cosines * expected / factor - 1.0).abs() < 1e-4, "{} {factor}", cosines * expected);
+    }
+    assert_eq!(warp::spherical_rectangle(Vec2::ZERO, Vec3::X, [Vec3::X, Vec3::Y]), None);
+    assert_eq!(warp::spherical_rectangle(Vec2::ZERO, Vec3::Z, [Vec3::ZERO, Vec3::Y]), None);
+}

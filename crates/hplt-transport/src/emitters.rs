@@ -1,4 +1,7 @@
-//! Emissive triangles as light sources.
+//! Emissive triangles, and rectangles of two, as light sources.
+
+use std::collections::HashMap;
+use std::ops::Deref;
 
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::{area_kernel, cosine_pdf_solid_angle, luminance, polygon_form_factor};
@@ -11,16 +14,63 @@ use crate::light_tree::{Cut, LightTree};
 const MANY: usize = 32;
 /// Least cosine in the estimate of what an emitter brings, which only guides the choice of one.
 const LEAST_COSINE: f32 = 0.05;
-/// Area over squared distance above which a triangle is sampled by solid angle.
+/// Area over squared distance above which an emitter is sampled by solid angle.
 const LOOMING: f32 = 0.1;
+/// By how much of its diagonal the fourth corner of a rectangle may be elsewhere, and the cosine of its angle.
+const SKEW: f32 = 1e-5;
 
-/// One side of one emissive triangle.
+/// The corners of a triangle or a rectangle, as the mesh winds them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Corners {
+    /// The last one twice in a triangle.
+    all: [Vec3; 4],
+    n: usize,
+}
+
+impl Corners {
+    pub const fn triangle([a, b, c]: [Vec3; 3]) -> Self {
+        Self { all: [a, b, c, c], n: 3 }
+    }
+
+    pub const fn rectangle(all: [Vec3; 4]) -> Self {
+        Self { all, n: 4 }
+    }
+
+    pub fn map(self, f: impl Fn(Vec3) -> Vec3) -> Self {
+        Self { all: self.all.map(f), ..self }
+    }
+
+    /// The mean of the corners.
+    pub fn center(&self) -> Vec3 {
+        self.iter().sum::<Vec3>() / self.n as f32
+    }
+
+    /// A triangle's right-angled corner between the two ends of its longest side, if it has a right angle.
+    fn right_angle(&self) -> Option<[Vec3; 3]> {
+        let [a, b, c, _] = self.all;
+        let is_right = |&[p, q, r]: &[Vec3; 3]| {
+            (p - q).normalize_or_zero().dot((r - q).normalize_or_zero()).abs() <= SKEW && p != q && q != r
+        };
+        [[a, b, c], [b, c, a], [c, a, b]].into_iter().find(is_right)
+    }
+}
+
+impl Deref for Corners {
+    type Target = [Vec3];
+
+    fn deref(&self) -> &[Vec3] {
+        &self.all[..self.n]
+    }
+}
+
+/// One side of one emissive triangle, or of two that make a rectangle.
 #[derive(Debug, Clone)]
 pub(crate) struct Emitter {
-    pub corners: [Vec3; 3],
+    pub corners: Corners,
     /// Unit normal on the side that emits.
     pub normal: Vec3,
     pub area: f32,
+    /// The one it is, or one of the two.
     pub triangle: TriangleId,
     pub is_front: bool,
     pub group: LightGroupId,
@@ -33,9 +83,12 @@ pub(crate) struct Emitter {
 impl Emitter {
     /// The irradiance without occlusion at a point, over the exitance: the exact configuration factor.
     pub fn form_factor(&self, position: Vec3, normal: Vec3) -> f32 {
-        let [a, b, c] = self.corners.map(|p| p.as_dvec3() - position.as_dvec3());
-        let corners: [DVec3; 3] = if self.is_front { [a, b, c] } else { [a, c, b] };
-        polygon_form_factor(normal.as_dvec3(), &corners).max(0.0) as f32
+        let mut corners = self.corners.all.map(|p| p.as_dvec3() - position.as_dvec3());
+        let corners: &mut [DVec3] = &mut corners[..self.corners.n];
+        if !self.is_front {
+            corners.reverse();
+        }
+        polygon_form_factor(normal.as_dvec3(), corners).max(0.0) as f32
     }
 
     /// Whether any of it is above the horizon of a point that is in front of it.
@@ -53,29 +106,38 @@ impl Emitter {
             let factor = f64::from(self.form_factor(position, normal)).max(f64::from(f32::MIN_POSITIVE));
             return f64::from(self.power / self.area) * std::f64::consts::PI * factor;
         }
-        let to = self.point(1.0 / 3.0, 1.0 / 3.0) - position;
+        let to = self.corners.center() - position;
         let distance_squared = to.length_squared().max(self.area * 0.1).max(f32::MIN_POSITIVE);
         let direction = to.normalize_or_zero();
         let cosines = normal.dot(direction).max(LEAST_COSINE) * (-self.normal.dot(direction)).max(LEAST_COSINE);
         f64::from(self.power) * f64::from(cosines) / f64::from(distance_squared)
     }
 
-    /// The point at barycentric weights `(1-u-v, u, v)`.
+    /// The point at barycentric weights `(1-u-v, u, v)` of the first corner and its neighbours; of a rectangle, the first weight may
+    /// be negative.
     pub fn point(&self, u: f32, v: f32) -> Vec3 {
-        let [a, b, c] = self.corners;
-        a * (1.0 - u - v) + b * u + c * v
+        let [a, b, .., last] = self.corners.all;
+        a * (1.0 - u - v) + b * u + last * v
+    }
+
+    fn is_rectangle(&self) -> bool {
+        self.corners.n == 4
     }
 
     /// A point of it to send a shadow ray to, by where the light comes from: uniform in solid angle where it looms large, else in
     /// area. `u` is uniform in the unit square.
     pub fn aim(&self, scene: &Scene, position: Vec3, normal: Vec3, u: Vec2) -> Aim {
-        let Vec2 { x: s, y: t } = warp::uniform_triangle(u);
-        let seen = self.looms(position).then(|| warp::spherical_triangle(u, self.corners.map(|c| c - position)));
-        let Some((direction, solid_angle)) = seen.flatten() else {
+        let [a, b, c, d] = self.corners.all;
+        let seen = || match self.is_rectangle() {
+            true => warp::spherical_rectangle(u, a - position, [b - a, d - a]),
+            false => warp::spherical_triangle(u, [a - position, b - position, c - position]),
+        };
+        let Some((direction, solid_angle)) = self.looms(position).then(seen).flatten() else {
+            let Vec2 { x: s, y: t } = if self.is_rectangle() { u } else { warp::uniform_triangle(u) };
             let target = self.point(s, t);
             return Aim { target, brings: self.exitance(scene, s, t) * self.kernel(position, normal, target) };
         };
-        let distance = (self.corners[0] - position).dot(self.normal) / direction.dot(self.normal);
+        let distance = (a - position).dot(self.normal) / direction.dot(self.normal);
         let target = position + distance * direction;
         let weight = cosine_pdf_solid_angle(normal.dot(direction).max(0.0)) * solid_angle;
         let Vec2 { x: s, y: t } = self.weights_of(target);
@@ -88,9 +150,9 @@ impl Emitter {
         self.area > LOOMING * nearest
     }
 
-    /// The barycentric weights of the second and third corner at a point of its plane, within the triangle.
+    /// The barycentric weights of the second and third corner at a point of its plane, within the triangle of the first three.
     fn weights_of(&self, target: Vec3) -> Vec2 {
-        let [a, b, c] = self.corners;
+        let [a, b, c, _] = self.corners.all;
         let normal = (b - a).cross(c - a);
         let share = |p: Vec3, q: Vec3| (p.cross(q).dot(normal) / normal.length_squared()).clamp(0.0, 1.0);
         let (s, t) = (share(target - a, c - a), share(b - a, target - a));
@@ -152,7 +214,7 @@ impl Emitters {
                 }
             }
         }
-        Self::of(all)
+        Self::of(with_rectangles(all))
     }
 
     fn of(mut all: Vec<Emitter>) -> Self {
@@ -203,6 +265,14 @@ impl<'e> Chooser<'e, '_> {
     /// the choice falls on a group of them of which that is true.
     pub fn choose(&mut self, u: f64) -> Option<Choice<'e>> {
         let all = &self.emitters.all;
+        if let [only] = &all[..] {
+            let again = (u as f32).min(1.0 - f32::EPSILON);
+            return only.can_light(self.position, self.normal).then_some(Choice {
+                emitter: only,
+                probability: 1.0,
+                again,
+            });
+        }
         let (i, of_cut, u) = pick(self.guides.cut.iter().map(|(_, importance)| *importance), self.total, u)?;
         let (members, of_members, u) = match &self.emitters.tree {
             Some(tree) => tree.descend(all, self.guides.cut[i].0, (self.position, self.normal), u)?,
@@ -240,6 +310,36 @@ pub(crate) fn choosing(sample: Vec2) -> f64 {
     f64::from(sample.x) + f64::from(sample.y) * f64::from(f32::EPSILON) * 0.5
 }
 
+/// The same emitters, with every two triangles that make a rectangle of one light as one of them, in the place of the first.
+fn with_rectangles(all: Vec<Emitter>) -> Vec<Emitter> {
+    let bits = |p: Vec3| p.to_array().map(f32::to_bits);
+    let mut halves: HashMap<_, usize> = HashMap::new();
+    let mut joined: Vec<Emitter> = Vec::with_capacity(all.len());
+    for emitter in all {
+        let whole = emitter.uniform_exitance.zip(emitter.corners.right_angle()).and_then(|(exitance, [p, q, r])| {
+            let mut diagonal = [bits(p), bits(r)];
+            diagonal.sort_unstable();
+            let key = (diagonal, bits(exitance), emitter.group, emitter.is_front);
+            let other = *halves.entry(key).or_insert(joined.len());
+            // Where the first half was the first with this diagonal, a third one finds it whole and stays alone.
+            let half = joined.get(other).filter(|half| !half.is_rectangle())?;
+            let [_, s, _] = half.corners.right_angle()?;
+            let is_opposite = (p + r - q).distance(s) <= SKEW * p.distance(r) && half.normal.dot(emitter.normal) > 0.0;
+            is_opposite.then_some((other, [p, q, r, s]))
+        });
+        match whole {
+            Some((other, corners)) => {
+                let other = &mut joined[other];
+                other.corners = Corners::rectangle(corners);
+                other.area += emitter.area;
+                other.power = (other.power + emitter.power).min(f32::MAX);
+            }
+            None => joined.push(emitter),
+        }
+    }
+    joined
+}
+
 fn emitter(
     scene: &Scene,
     (material, group): (&Material, LightGroupId),
@@ -249,7 +349,7 @@ fn emitter(
     let side = if is_front { 1.0 } else { -1.0 };
     let area = scene.mesh().area(triangle) as f32;
     Emitter {
-        corners: scene.mesh().corners(triangle),
+        corners: Corners::triangle(scene.mesh().corners(triangle)),
         normal: scene.mesh().face_normal(triangle) * side,
         area,
         triangle,
@@ -262,6 +362,7 @@ fn emitter(
 
 #[cfg(test)]
 mod tests {
+    use glam::Mat3;
     use hplt_reference::scenes;
     use hplt_sampling::sobol::sobol_2d;
 
@@ -273,8 +374,13 @@ mod tests {
     fn near_emitters_have_no_fireflies() {
         let scene = scenes::build(scenes::cornell_box());
         let emitters = Emitters::new(&scene, &LightGroups::of(&scene));
-        let lamp = &emitters.all[0];
-        for (share, depth, tilt) in [(0.33, 0.05, 0.0), (0.25, 0.02, 0.5), (0.0, 0.01, 0.5)] {
+        let [lamp] = &emitters.all[..] else { panic!("{} emitters", emitters.all.len()) };
+        let [a, b, c, _] = lamp.corners.all;
+        let half = Emitter { corners: Corners::triangle([a, b, c]), area: 0.5 * lamp.area, ..lamp.clone() };
+        for (lamp, (share, depth, tilt)) in [lamp, &half]
+            .into_iter()
+            .flat_map(|lamp| [(0.33, 0.05, 0.0), (0.25, 0.02, 0.5), (0.0, 0.01, 0.5)].map(|place| (lamp, place)))
+        {
             let size = lamp.area.sqrt();
             let position = lamp.point(share, share) + lamp.normal * depth * size;
             let normal = (-lamp.normal + tilt * (lamp.corners[1] - lamp.corners[0]).normalize()).normalize();
@@ -286,12 +392,59 @@ mod tests {
                 let b = brings(k);
                 sum += f64::from(b);
                 most = most.max(b);
-                let Vec2 { x: u, y: v } = warp::uniform_triangle(sobol_2d(k, 1, 0));
+                let sample = sobol_2d(k, 1, 0);
+                let Vec2 { x: u, y: v } = if lamp.is_rectangle() { sample } else { warp::uniform_triangle(sample) };
                 most_by_area = most_by_area.max(lamp.kernel(position, normal, lamp.point(u, v)));
             }
             let exact = f64::from(lamp.form_factor(position, normal));
             assert!((sum / f64::from(n) / exact - 1.0).abs() < 2e-3, "{} {exact}", sum / f64::from(n));
             assert!(most <= 2.0 && (share == 0.0 || most_by_area > 10.0 * most), "{most} {most_by_area}");
         }
+    }
+
+    fn half(corners: [Vec3; 3], exitance: f32) -> Emitter {
+        let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+        Emitter {
+            corners: Corners::triangle(corners),
+            normal: cross.normalize(),
+            area: 0.5 * cross.length(),
+            triangle: TriangleId(0),
+            is_front: true,
+            group: LightGroupId(0),
+            uniform_exitance: Some(Rgb::splat(exitance)),
+            power: 0.5 * cross.length() * exitance,
+        }
+    }
+
+    /// Two halves of a rectangle are one emitter, whichever way its diagonal goes and its corners are listed, with the form factor and
+    /// the area of both; other pairs stay two.
+    #[test]
+    fn two_right_triangles_of_one_light_are_a_rectangle() {
+        let turn = Mat3::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
+        let at = |x: f32, y: f32| turn * Vec3::new(x, y, 0.25);
+        let [a, b, c, d] = [at(0.0, 0.0), at(0.3, 0.0), at(0.3, 0.8), at(0.0, 0.8)];
+        let (position, normal) = (turn * Vec3::new(0.1, 0.2, 0.6), (turn * Vec3::new(0.3, 0.1, -0.8)).normalize());
+        for (first, second) in [([a, b, c], [c, d, a]), ([c, a, b], [a, c, d]), ([b, c, d], [d, a, b])] {
+            let halves = vec![half(first, 2.0), half(second, 2.0)];
+            let expected: f32 = halves.iter().map(|e| e.form_factor(position, normal)).sum();
+            let joined = with_rectangles(halves);
+            assert!(joined.len() == 1 && joined[0].is_rectangle());
+            assert!((joined[0].area - 0.24).abs() < 1e-6 && (joined[0].power - 0.48).abs() < 1e-6);
+            let found = joined[0].form_factor(position, normal);
+            assert!(expected > 0.05 && (found / expected - 1.0).abs() < 1e-5, "{found} {expected}");
+        }
+        let others = [
+            [half([a, b, c], 2.0), half([c, d, a], 1.0)],
+            [half([a, b, c], 2.0), half([a, d, c], 2.0)],
+            [half([a, b, c], 2.0), half([c, at(0.01, 0.8), a], 2.0)],
+            [half([a, b, c], 2.0), Emitter { is_front: false, ..half([c, d, a], 2.0) }],
+            [half([a, b, c], 2.0), Emitter { uniform_exitance: None, ..half([c, d, a], 2.0) }],
+            [half([a, b, c], 2.0), half([a, b, c], 2.0)],
+        ];
+        for other in others {
+            assert_eq!(with_rectangles(other.to_vec()).len(), 2, "{other:?}");
+        }
+        let three = vec![half([a, b, c], 2.0), half([c, d, a], 2.0), half([a, b, c], 2.0)];
+        assert_eq!(with_rectangles(three).len(), 2);
     }
 }

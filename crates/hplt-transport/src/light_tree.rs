@@ -50,7 +50,7 @@ impl Node {
         let mut extents = Extents::default();
         let (mut power, mut axis) = (0.0f64, Vec3::ZERO);
         for e in members.iter().map(|&i| &emitters[i as usize]) {
-            for corner in e.corners {
+            for &corner in e.corners.iter() {
                 (min, max) = (min.min(corner), max.max(corner));
             }
             extents.include(e);
@@ -154,8 +154,7 @@ impl Extents {
 
 /// Centre and normal.
 fn keys(emitter: &Emitter) -> [Vec3; 2] {
-    let [a, b, c] = emitter.corners;
-    [(a + b + c) / 3.0, emitter.normal]
+    [emitter.corners.center(), emitter.normal]
 }
 
 /// A tree over emitters that are kept in its order.

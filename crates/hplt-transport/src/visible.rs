@@ -44,15 +44,15 @@ impl Visible {
         let OrientedPoint { position, normal, .. } = *point;
         let origin = offset_origin(position, normal);
         let corners = emitter.corners.map(|corner| offset_origin(corner, emitter.normal));
-        if !is_far_off((position, origin, normal), emitter, corners) {
+        if !is_far_off((position, origin, normal), emitter, &corners) {
             return None;
         }
         let eye = origin.as_dvec3();
-        self.begin(corners.map(|corner| corner.as_dvec3() - eye), normal.as_dvec3());
+        self.begin(corners.iter().map(|corner| corner.as_dvec3() - eye), normal.as_dvec3());
         if self.corners.len() < 3 {
             return Some(0.0);
         }
-        let mut polygon = [Vec3::ZERO; 4];
+        let mut polygon = [Vec3::ZERO; 5];
         let n = self.corners.len();
         polygon.iter_mut().zip(&self.corners).for_each(|(to, from)| *to = (*from + eye).as_vec3());
         let mut shaft = Shaft::new(origin, &polygon[..n]);
@@ -76,11 +76,13 @@ impl Visible {
         (is_told && self.pieces.len() <= MAX_PIECES).then(fraction)
     }
 
-    /// All of a triangle above the horizon.
-    fn begin(&mut self, triangle: [DVec3; 3], normal: DVec3) {
+    /// All of a triangle or rectangle above the horizon.
+    fn begin(&mut self, corners: impl Iterator<Item = DVec3>, normal: DVec3) {
+        self.rest.clear();
+        self.rest.extend(corners);
         self.outside.clear();
         self.inside.clear();
-        split(&triangle, (normal, 0.0), &mut self.inside, &mut self.outside);
+        split(&self.rest, (normal, 0.0), &mut self.inside, &mut self.outside);
         self.corners.clone_from(&self.inside);
         self.pieces.clear();
         self.pieces.push(0..self.corners.len());
@@ -158,10 +160,10 @@ fn collect(caster: &dyn RayCaster, shaft: &Shaft, limit: usize, blockers: &mut V
 
 /// Whether point and emitter are still on the right sides of each other, and about as far as before, after both were moved off their
 /// surfaces; `origin` and `corners` are what was moved.
-fn is_far_off((position, origin, normal): (Vec3, Vec3, Vec3), emitter: &Emitter, corners: [Vec3; 3]) -> bool {
+fn is_far_off((position, origin, normal): (Vec3, Vec3, Vec3), emitter: &Emitter, corners: &[Vec3]) -> bool {
     let rises = |from: Vec3, to: &[Vec3]| to.iter().map(|&c| (c - from).dot(normal)).fold(f32::NEG_INFINITY, f32::max);
     let before = ((position - emitter.corners[0]).dot(emitter.normal), rises(position, &emitter.corners));
-    let after = ((origin - corners[0]).dot(emitter.normal), rises(origin, &corners));
+    let after = ((origin - corners[0]).dot(emitter.normal), rises(origin, corners));
     after.0 > NEAR * before.0 && after.1 > NEAR * before.1
 }
 
@@ -217,6 +219,7 @@ mod tests {
     use hplt_geom::{Hit, LightGroupId, Ray, RegionId, Rgb, TriangleId};
 
     use super::*;
+    use crate::emitters::Corners;
 
     const LIMIT: usize = 40;
 
@@ -242,7 +245,7 @@ mod tests {
     fn lamp() -> Emitter {
         let corners = [Vec3::new(-1.0, -1.0, 1.0), Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0)];
         Emitter {
-            corners,
+            corners: Corners::triangle(corners),
             normal: Vec3::NEG_Z,
             area: 2.0,
             triangle: TriangleId(0),
@@ -311,7 +314,8 @@ mod tests {
     #[test]
     fn a_lamp_that_brings_nothing_is_no_nan() {
         let beside = OrientedPoint::new(Vec3::new(5.0, 0.0, 0.9), Vec3::Z, RegionId(0));
-        let flat = Emitter { corners: [Vec3::Z, Vec3::Z + Vec3::X, Vec3::Z + 2.0 * Vec3::X], ..lamp() };
+        let corners = Corners::triangle([Vec3::Z, Vec3::Z + Vec3::X, Vec3::Z + 2.0 * Vec3::X]);
+        let flat = Emitter { corners, ..lamp() };
         let found = Visible::default().fraction(&Listed(&plate([-0.5, 0.5], [-0.5, 0.5])), &beside, &flat, LIMIT);
         assert_eq!(found, Some(0.0));
     }

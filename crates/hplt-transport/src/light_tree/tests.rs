@@ -3,6 +3,7 @@ use hplt_geom::{LightGroupId, OrientedPoint, RegionId, Rgb, TriangleId};
 use hplt_sampling::random::{Stage, Stream, unit_f32, unit_f64};
 
 use super::*;
+use crate::emitters::Corners;
 use crate::emitters::{Emitters, Guides};
 
 /// Random numbers of a test.
@@ -28,7 +29,7 @@ fn lamp(at: Vec3, edges: [Vec3; 2], exitance: f32) -> Emitter {
     let cross = edges[0].cross(edges[1]);
     let area = 0.5 * cross.length();
     Emitter {
-        corners: [at, at + edges[0], at + edges[1]],
+        corners: Corners::triangle([at, at + edges[0], at + edges[1]]),
         normal: cross.normalize(),
         area,
         triangle: TriangleId(0),
