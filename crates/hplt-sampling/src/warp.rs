@@ -142,8 +142,9 @@ pub fn spherical_rectangle(u: Vec2, corner: Vec3, edges: [Vec3; 2]) -> Option<(V
         return None;
     }
     let (x1, y1) = (x0 + ex.length(), y0 + ey.length());
+    let hypotenuse = |a: f64, b: f64| (a * a + b * b).sqrt();
     // What the normals of the planes through the sides and the origin have along z.
-    let [side_y0, side_x1, side_y1, side_x0] = [-y0, x1, y1, -x0].map(|k| k / k.hypot(z0));
+    let [side_y0, side_x1, side_y1, side_x0] = [-y0, x1, y1, -x0].map(|k| k / hypotenuse(k, z0));
     let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
     let rest = std::f64::consts::TAU - angle(side_y1, side_x0) - angle(side_x0, side_y0);
     let solid_angle = angle(side_y0, side_x1) + angle(side_x1, side_y1) - rest;
@@ -152,10 +153,10 @@ pub fn spherical_rectangle(u: Vec2, corner: Vec3, edges: [Vec3; 2]) -> Option<(V
     }
     let (sin, cos) = (f64::from(u.x) * solid_angle + rest).sin_cos();
     let f = (cos * side_y0 - side_y1) / sin;
-    let cos_u = (f.signum() / f.hypot(side_y0)).clamp(-1.0, 1.0);
+    let cos_u = (f.signum() / hypotenuse(f, side_y0)).clamp(-1.0, 1.0);
     let at_x = (-cos_u * z0 / (1.0 - cos_u * cos_u).sqrt()).clamp(x0, x1);
-    let to_line = at_x.hypot(z0);
-    let [h0, h1] = [y0, y1].map(|k| k / k.hypot(to_line));
+    let to_line = hypotenuse(at_x, z0);
+    let [h0, h1] = [y0, y1].map(|k| k / hypotenuse(k, to_line));
     let h = h0 + f64::from(u.y) * (h1 - h0);
     let at_y = (h * to_line / (1.0 - h * h).max(0.0).sqrt()).clamp(y0, y1);
     Some(((at_x * x + at_y * y + z0 * z).normalize().as_vec3(), solid_angle as f32))

@@ -11,6 +11,9 @@ use crate::emitters::Emitter;
 /// Pieces after which rays are cheaper.
 const MAX_PIECES: usize = 48;
 
+/// Corners of a rectangle after the horizon has cut it, rounding counted where it is seen edge-on.
+const MAX_CORNERS: usize = 6;
+
 /// What must be left of the distance between a point and the plane of an emitter when both are moved off their surfaces.
 const NEAR: f32 = 0.8;
 
@@ -52,7 +55,7 @@ impl Visible {
         if self.corners.len() < 3 {
             return Some(0.0);
         }
-        let mut polygon = [Vec3::ZERO; 5];
+        let mut polygon = [Vec3::ZERO; MAX_CORNERS];
         let n = self.corners.len();
         polygon.iter_mut().zip(&self.corners).for_each(|(to, from)| *to = (*from + eye).as_vec3());
         let mut shaft = Shaft::new(origin, &polygon[..n]);
