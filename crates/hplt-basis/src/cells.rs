@@ -1,5 +1,5 @@
 use glam::{IVec3, Vec3};
-use hplt_geom::{Extent, OrientedPoint, RegionId, Rgb, parallel};
+use hplt_geom::{Extent, OrientedPoint, RegionId, Rgb};
 
 use crate::Footprint;
 use crate::lanes::{self, Columns, Function};
@@ -125,14 +125,13 @@ impl LevelCells {
 
 /// The functions that may have weight in each cell, cell by cell, ascending.
 fn list(points: &[OrientedPoint], footprint: &Footprint, cells_per_unit: f32) -> Vec<(Key, u32)> {
-    let of_function = |(): &mut (), i: usize| {
-        let mut entries = Vec::new();
-        touched_cells(&points[i], footprint.support(), cells_per_unit, |cell| {
-            entries.push((Key { cell: cell.to_array(), region: points[i].region }, i as u32));
+    // On one thread: whoever waits for others here could be given a task that waits for these very cells.
+    let mut entries = Vec::new();
+    for (i, point) in points.iter().enumerate() {
+        touched_cells(point, footprint.support(), cells_per_unit, |cell| {
+            entries.push((Key { cell: cell.to_array(), region: point.region }, i as u32));
         });
-        entries
-    };
-    let mut entries = parallel::map(points.len(), || (), of_function).concat();
+    }
     entries.sort_unstable();
     entries
 }
