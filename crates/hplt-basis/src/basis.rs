@@ -40,7 +40,7 @@ pub const MIN_WEIGHT_SUM: f32 = 1e-6;
 /// The shape that all functions of a level share.
 #[derive(Debug, Clone, Copy)]
 pub struct Footprint {
-    support: f32,
+    pub(crate) support: f32,
     pub(crate) inverse_support: f32,
     pub(crate) kernel: Kernel,
 }

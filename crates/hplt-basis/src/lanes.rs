@@ -208,3 +208,51 @@ fn dot<S: Simd>(simd: S, a: [S::f32s; 3], b: [S::f32s; 3]) -> S::f32s {
     let xy = simd.add_f32s(simd.mul_f32s(a[0], b[0]), simd.mul_f32s(a[1], b[1]));
     simd.add_f32s(xy, simd.mul_f32s(a[2], b[2]))
 }
+
+#[cfg(test)]
+mod tests {
+    use hplt_geom::RegionId;
+
+    use super::*;
+
+    /// Numbers in `[0, 1)`.
+    fn numbers(mut state: u32) -> impl FnMut() -> f32 {
+        move || {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            (state >> 8) as f32 / 16_777_216.0
+        }
+    }
+
+    /// One lane or many, whatever the processor has: the same bits.
+    #[test]
+    fn processors_agree_to_the_bit() {
+        let mut next = numbers(5);
+        let mut point = |i: usize| {
+            let position = Vec3::new(next(), next(), 0.3 * next()) - 0.5;
+            let normal = (Vec3::new(next(), next(), 2.0 * next()) - 0.3).normalize();
+            let mut extent = Extent::of_query(0.5 * next());
+            if i < 60 {
+                extent.inverse_depths = [(); N_SECTORS].map(|()| (8.0 * next() - 3.0).max(0.0));
+                extent.sight_height = 0.05 * next();
+            }
+            OrientedPoint { extent, ..OrientedPoint::new(position, normal, RegionId(0)) }
+        };
+        let points: Vec<OrientedPoint> = (0..160).map(&mut point).collect();
+        let functions: Vec<Function> = points[..60].iter().map(Function::of).collect();
+        let coefficients: Vec<Rgb> = points[..60].iter().map(|p| p.position + 1.0).collect();
+        let queries = Columns::new(points[60..].iter());
+        let ids: Vec<u32> = (0..60).collect();
+        for kernel in [Kernel::Smoothstep, Kernel::Custom(|h| (1.0 - h).max(0.0))] {
+            let footprint = Footprint { support: 0.6, inverse_support: 1.0 / 0.6, kernel };
+            let groups = || vec![(&ids[..], 37), (&ids[10..], 1), (&ids[..40], 62)];
+            let wide = sums(&functions, &footprint, &coefficients, &queries, groups());
+            let mut narrow = [(); 4].map(|()| vec![0.0; 100]);
+            let (functions, coefficients) = (&functions[..], &coefficients[..]);
+            let (footprint, queries) = (&footprint, &queries);
+            let sums = Sums { functions, footprint, coefficients, queries, groups: groups(), out: &mut narrow };
+            sums.with_simd(pulp::Scalar::new());
+            assert_eq!(wide, narrow);
+            assert!(wide[3].iter().filter(|sum| **sum > 0.0).count() > 50, "{:?}", wide[3]);
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! The ways to light a scene that are measured.
 
-use super::scenes::Case;
+use super::scenes::{Case, SLIDES_FLAGS};
 
 /// A way to light a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +59,7 @@ pub const ENGINES: [Engine; 4] = [
 impl Engine {
     /// Flags of every command that lights a scene or reads the light.
     pub fn flags(&self, case: &Case, is_quick: bool) -> Vec<String> {
-        let of_case = if is_quick { case.quick_slides_flags } else { case.slides_flags };
+        let of_case = if is_quick { case.quick_slides_flags } else { SLIDES_FLAGS };
         self.with_flags(
             case,
             if is_quick { self.quick_flags } else { self.flags },
