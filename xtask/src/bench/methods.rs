@@ -12,7 +12,7 @@ const PATHS_SEED: &str = "1";
 /// Levels, rays per gather, rays of the final gather.
 type Budget = [u32; 3];
 
-const LINKS: [Budget; 6] = [[1, 32, 64], [2, 64, 64], [3, 128, 128], [3, 128, 512], [3, 128, 1024], [3, 256, 4096]];
+const LINKS: [Budget; 6] = [[1, 32, 64], [2, 64, 64], [3, 128, 128], [3, 128, 512], [3, 256, 1024], [3, 256, 4096]];
 const V1: [Budget; 5] = [[1, 32, 64], [2, 32, 128], [2, 64, 256], [3, 128, 512], [4, 256, 1024]];
 const V3: [Budget; 5] = [[1, 32, 64], [2, 64, 128], [3, 128, 256], [4, 128, 512], [5, 256, 1024]];
 /// Where the functions of a level are many.
