@@ -246,6 +246,24 @@ mod tests {
         assert!(n_found > 10_000, "{n_found}");
     }
 
+    /// Cells are halved as often as the lists need it, and no more.
+    #[test]
+    fn crowded_cells_are_halved() {
+        let basis = basis(BasisOptions::default());
+        let footprint = basis.footprint(0);
+        let usual = 2.0 / footprint.support();
+        let mean_of = |points: &[OrientedPoint], cells_per_unit| mean_length(&list(points, &footprint, cells_per_unit));
+        let crowd = LevelCells::build(basis.points(0), &footprint);
+        assert!(crowd.lists.len() < MAX_ENTRIES && crowd.slots.len() <= 4 * crowd.lists.len());
+        let halvings = (crowd.cells_per_unit / usual).log2();
+        assert!(halvings >= 1.0 && halvings.fract() == 0.0, "{halvings}");
+        assert!(mean_of(basis.points(0), crowd.cells_per_unit) <= LONG_LIST);
+        assert!(mean_of(basis.points(0), 0.5 * crowd.cells_per_unit) > LONG_LIST);
+        let few: Vec<OrientedPoint> = basis.points(0).iter().step_by(20).copied().collect();
+        assert_eq!(LevelCells::build(&few, &footprint).cells_per_unit, usual);
+        assert!(mean_of(&few, usual) <= LONG_LIST);
+    }
+
     /// Many queries at once are answered as one by one, with the same bits, with the usual kernel and another.
     #[test]
     fn many_sums_are_single_sums() {
