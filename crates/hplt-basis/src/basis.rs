@@ -6,7 +6,7 @@ use hplt_kdtree::KdTree;
 use crate::cells::{LevelCells, MAX_FUNCTIONS};
 use crate::kernel::distance_squared;
 use crate::nearest::NearestIndex;
-use crate::reconstruction::{FEW, coherent_order, combine};
+use crate::reconstruction::{FEW, combine, visit_coherently};
 use crate::{Kernel, Parents};
 
 /// The shape of the basis functions.
@@ -189,35 +189,36 @@ impl ShepardBasis {
         coefficients: &[Rgb],
         scratch: &mut Vec<Weight>,
     ) -> Option<Rgb> {
-        let (footprint, points) = (self.footprint(level), self.points(level));
-        if points.len() > MAX_FUNCTIONS {
+        let Some(cells) = self.cells(level) else {
             return self.weights(level, query, scratch).then(|| combine(scratch, coefficients));
-        }
-        let cells = self.cells[level].get_or_init(|| LevelCells::build(points, &footprint));
+        };
+        let (footprint, points) = (self.footprint(level), self.points(level));
         let (mut value, mut sum) = (Rgb::ZERO, 0.0);
         for &function in cells.at(query) {
             let weight = footprint.weight(&points[function as usize], query);
             value += coefficients[function as usize] * weight;
             sum += weight;
         }
-        (sum >= MIN_WEIGHT_SUM).then(|| value * (1.0 / sum))
+        normalised((value, sum))
     }
 
     /// [`blend`](Self::blend) at each of many queries, in any order, with the same bits, in a fraction of the time where many lie
     /// near each other.
     pub(crate) fn blend_many(&self, level: usize, queries: &[OrientedPoint], coefficients: &[Rgb]) -> Vec<Option<Rgb>> {
-        let (footprint, points) = (self.footprint(level), self.points(level));
-        if points.len() > MAX_FUNCTIONS || queries.len() < FEW {
-            let mut scratch = Vec::new();
-            let mut out = vec![None; queries.len()];
-            for i in coherent_order(queries) {
-                out[i] = self.blend(level, &queries[i], coefficients, &mut scratch);
-            }
-            return out;
+        if let Some(cells) = self.cells(level).filter(|_| queries.len() >= FEW) {
+            let sums = cells.sums(&self.footprint(level), queries, coefficients);
+            return sums.into_iter().map(normalised).collect();
         }
-        let cells = self.cells[level].get_or_init(|| LevelCells::build(points, &footprint));
-        let sums = cells.sums(&footprint, queries, coefficients);
-        sums.into_iter().map(|(value, sum)| (sum >= MIN_WEIGHT_SUM).then(|| value * (1.0 / sum))).collect()
+        let (mut out, mut scratch) = (vec![None; queries.len()], Vec::new());
+        visit_coherently(queries, |i| out[i] = self.blend(level, &queries[i], coefficients, &mut scratch));
+        out
+    }
+
+    /// The functions of a level by cells, unless there are too many.
+    fn cells(&self, level: usize) -> Option<&LevelCells> {
+        let points = self.points(level);
+        let build = || LevelCells::build(points, &self.footprint(level));
+        (points.len() <= MAX_FUNCTIONS).then(|| self.cells[level].get_or_init(build))
     }
 
     /// The nearest function of `level` in the region of `query`, exactly: one within sight if there is any, else one on its
@@ -345,6 +346,11 @@ impl ShepardBasis {
         });
         Parents::from_rows(&rows, self.n_functions(level - 1))
     }
+}
+
+/// A weighted sum over the sum of the weights, where that is enough.
+fn normalised((value, sum): (Rgb, f32)) -> Option<Rgb> {
+    (sum >= MIN_WEIGHT_SUM).then(|| value * (1.0 / sum))
 }
 
 fn tree_of(level: &PointLevel) -> KdTree {

@@ -192,14 +192,14 @@ fn hash(key: Key) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use hplt_geom::{N_SECTORS, PointHierarchy, PointLevel};
 
     use super::*;
     use crate::{BasisOptions, Kernel, ShepardBasis};
 
     /// Numbers in `[0, 1)`.
-    fn numbers(mut state: u32) -> impl FnMut() -> f32 {
+    pub(crate) fn numbers(mut state: u32) -> impl FnMut() -> f32 {
         move || {
             state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
             (state >> 8) as f32 / 16_777_216.0

@@ -214,14 +214,7 @@ mod tests {
     use hplt_geom::RegionId;
 
     use super::*;
-
-    /// Numbers in `[0, 1)`.
-    fn numbers(mut state: u32) -> impl FnMut() -> f32 {
-        move || {
-            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            (state >> 8) as f32 / 16_777_216.0
-        }
-    }
+    use crate::cells::tests::numbers;
 
     /// One lane or many, whatever the processor has: the same bits.
     #[test]

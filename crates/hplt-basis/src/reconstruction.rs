@@ -153,23 +153,27 @@ pub(crate) fn for_each(
     mut evaluate: impl FnMut(&OrientedPoint, &mut Coverage) -> Rgb,
 ) -> Coverage {
     let mut coverage = begin(queries, out);
-    let mut answer = |i: usize| {
+    visit_coherently(queries, |i| {
         let query = &queries[i];
         out[i] = if query.region == RegionId::DARK { Rgb::ZERO } else { evaluate(query, &mut coverage) };
-    };
-    if queries.len() < FEW {
-        (0..queries.len()).for_each(answer);
-    } else {
-        coherent_order(queries).for_each(&mut answer);
-    }
+    });
     coverage
+}
+
+/// Visits the index of every query once, those of many in an order in which neighbours follow each other.
+pub(crate) fn visit_coherently(queries: &[OrientedPoint], visit: impl FnMut(usize)) {
+    if queries.len() < FEW {
+        (0..queries.len()).for_each(visit);
+    } else {
+        coherent_order(queries).for_each(visit);
+    }
 }
 
 /// Queries below this number are answered in the order given.
 pub(crate) const FEW: usize = 64;
 
 /// The queries cell by cell of a grid, so that what is read for one is in the nearest cache for the next.
-pub(crate) fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
+fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
     const CELLS_PER_AXIS: f32 = 64.0;
     let key = |(i, query): (usize, &OrientedPoint)| {
         // Saturates for what is outside.

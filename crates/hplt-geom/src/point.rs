@@ -200,19 +200,13 @@ impl PointHierarchy {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Numbers in `[0, 1)`.
-    fn numbers(mut state: u32) -> impl FnMut() -> f32 {
-        move || {
-            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            (state >> 8) as f32 / 16_777_216.0
-        }
-    }
+    use crate::bvh::test_scenes::Random;
 
     /// A box that is missed holds no offset inside.
     #[test]
     fn boxes_are_missed_where_all_of_them_is_outside() {
-        let mut next = numbers(1);
+        let mut random = Random::new(1);
+        let mut next = || random.unit();
         let (mut n_missed, mut n_touched) = (0, 0);
         for _ in 0..2000 {
             let inverse_depths = [(); N_SECTORS].map(|()| (12.0 * next() - 4.0).max(0.0));

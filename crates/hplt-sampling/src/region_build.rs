@@ -82,6 +82,8 @@ struct Builder<'a> {
     is_lit: Vec<bool>,
     sees_sky: Vec<bool>,
     sky_is_lit: bool,
+    /// Of the sides that emit.
+    emissive: SideSampler,
     n_rays: u64,
 }
 
@@ -116,6 +118,7 @@ impl<'a> Builder<'a> {
             is_lit: points.iter().map(|p| emits(scene, p)).collect(),
             sees_sky: vec![false; points.len()],
             sky_is_lit: sky_is_lit(scene),
+            emissive: SideSampler::build(scene, |m, front| m.is_emissive() && m.emits.includes(front)),
             n_rays: points.len() as u64,
         };
         builder.join_neighbors(0);
@@ -259,7 +262,7 @@ impl<'a> Builder<'a> {
 
     /// Marks what emitters and lights see.
     fn light(&mut self) {
-        let seen = lit_surface(self.scene, self.caster, self.seed);
+        let seen = lit_surface(self.scene, self.caster, &self.emissive, self.seed);
         self.n_rays += 4 * seen.len() as u64;
         let joined =
             parallel::map(seen.len(), || (), |(), i| self.anchors.join(self.caster, oriented(&seen[i]), [3, 2, 2]));
@@ -295,7 +298,7 @@ impl<'a> Builder<'a> {
         let anchors = Anchors::build(&points, self.reach);
         let labels: Vec<RegionId> = keep.iter().map(|&i| labels[i]).collect();
         Regions {
-            lamps: lamps(self.scene, self.caster, (&anchors, &labels), self.seed),
+            lamps: lamps(self.scene, self.caster, &self.emissive, (&anchors, &labels), self.seed),
             anchors,
             labels,
             n_regions,
@@ -368,10 +371,10 @@ fn emits(scene: &Scene, point: &SidePoint) -> bool {
 fn lamps(
     scene: &Scene,
     caster: &dyn RayCaster,
+    sampler: &SideSampler,
     (anchors, labels): (&Anchors, &[RegionId]),
     seed: u64,
 ) -> Vec<(Oriented, RegionId)> {
-    let sampler = SideSampler::build(scene, |m, front| m.is_emissive() && m.emits.includes(front));
     let stream = Stream::new(seed, Stage::Emission);
     let n = if sampler.sides().is_empty() { 0 } else { MAX_LAMPS };
     let lamp = |i: usize| {
@@ -384,8 +387,7 @@ fn lamps(
 }
 
 /// Points that emissive surfaces and lights at a position see.
-fn lit_surface(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec<SurfacePoint> {
-    let sampler = SideSampler::build(scene, |m, front| m.is_emissive() && m.emits.includes(front));
+fn lit_surface(scene: &Scene, caster: &dyn RayCaster, sampler: &SideSampler, seed: u64) -> Vec<SurfacePoint> {
     let stream = Stream::new(seed, Stage::Emission);
     let n = if sampler.sides().is_empty() { 0 } else { EMISSION_RAYS.max((sampler.sides().len() as u32).min(1 << 20)) };
     let from_surfaces = parallel::map(

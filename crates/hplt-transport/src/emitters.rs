@@ -135,13 +135,15 @@ impl Emitter {
         let Some((direction, solid_angle)) = self.looms(position).then(seen).flatten() else {
             let Vec2 { x: s, y: t } = if self.is_rectangle() { u } else { warp::uniform_triangle(u) };
             let target = self.point(s, t);
-            return Aim { target, brings: self.exitance(scene, s, t) * self.kernel(position, normal, target) };
+            return Aim {
+                target,
+                brings: self.exitance(scene, || Vec2::new(s, t)) * self.kernel(position, normal, target),
+            };
         };
         let distance = (a - position).dot(self.normal) / direction.dot(self.normal);
         let target = position + distance * direction;
         let weight = cosine_pdf_solid_angle(normal.dot(direction).max(0.0)) * solid_angle;
-        let Vec2 { x: s, y: t } = self.weights_of(target);
-        Aim { target, brings: self.exitance(scene, s, t) * weight }
+        Aim { target, brings: self.exitance(scene, || self.weights_of(target)) * weight }
     }
 
     /// Whether it takes up so much of the view that points of it bring very different amounts.
@@ -159,9 +161,10 @@ impl Emitter {
         Vec2::new(s, t) / (s + t).max(1.0)
     }
 
-    /// The exitance there.
-    pub fn exitance(&self, scene: &Scene, u: f32, v: f32) -> Rgb {
+    /// The exitance at these barycentric weights, which only a triangle with a texture asks for.
+    fn exitance(&self, scene: &Scene, weights: impl FnOnce() -> Vec2) -> Rgb {
         self.uniform_exitance.unwrap_or_else(|| {
+            let Vec2 { x: u, y: v } = weights();
             scene.material(self.triangle).exitance_at(self.is_front, scene.mesh().uv_at(self.triangle, u, v))
         })
     }
@@ -361,12 +364,28 @@ fn emitter(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use glam::Mat3;
     use hplt_reference::scenes;
     use hplt_sampling::sobol::sobol_2d;
 
     use super::*;
+
+    /// A triangle that emits on its front.
+    pub(crate) fn triangle_light(corners: [Vec3; 3], exitance: f32) -> Emitter {
+        let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+        let area = 0.5 * cross.length();
+        Emitter {
+            corners: Corners::triangle(corners),
+            normal: cross.normalize(),
+            area,
+            triangle: TriangleId(0),
+            is_front: true,
+            group: LightGroupId(0),
+            uniform_exitance: Some(Rgb::splat(exitance)),
+            power: area * exitance,
+        }
+    }
 
     /// A point just below a lamp, and beside its corner: what one sample brings never exceeds what the emitter as a whole could by
     /// much, where samples by area would bring hundreds of times as much, and the mean is exact.
@@ -402,20 +421,6 @@ mod tests {
         }
     }
 
-    fn half(corners: [Vec3; 3], exitance: f32) -> Emitter {
-        let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-        Emitter {
-            corners: Corners::triangle(corners),
-            normal: cross.normalize(),
-            area: 0.5 * cross.length(),
-            triangle: TriangleId(0),
-            is_front: true,
-            group: LightGroupId(0),
-            uniform_exitance: Some(Rgb::splat(exitance)),
-            power: 0.5 * cross.length() * exitance,
-        }
-    }
-
     /// Two halves of a rectangle are one emitter, whichever way its diagonal goes and its corners are listed, with the form factor and
     /// the area of both; other pairs stay two.
     #[test]
@@ -425,7 +430,7 @@ mod tests {
         let [a, b, c, d] = [at(0.0, 0.0), at(0.3, 0.0), at(0.3, 0.8), at(0.0, 0.8)];
         let (position, normal) = (turn * Vec3::new(0.1, 0.2, 0.6), (turn * Vec3::new(0.3, 0.1, -0.8)).normalize());
         for (first, second) in [([a, b, c], [c, d, a]), ([c, a, b], [a, c, d]), ([b, c, d], [d, a, b])] {
-            let halves = vec![half(first, 2.0), half(second, 2.0)];
+            let halves = vec![triangle_light(first, 2.0), triangle_light(second, 2.0)];
             let expected: f32 = halves.iter().map(|e| e.form_factor(position, normal)).sum();
             let joined = with_rectangles(halves);
             assert!(joined.len() == 1 && joined[0].is_rectangle());
@@ -434,17 +439,18 @@ mod tests {
             assert!(expected > 0.05 && (found / expected - 1.0).abs() < 1e-5, "{found} {expected}");
         }
         let others = [
-            [half([a, b, c], 2.0), half([c, d, a], 1.0)],
-            [half([a, b, c], 2.0), half([a, d, c], 2.0)],
-            [half([a, b, c], 2.0), half([c, at(0.01, 0.8), a], 2.0)],
-            [half([a, b, c], 2.0), Emitter { is_front: false, ..half([c, d, a], 2.0) }],
-            [half([a, b, c], 2.0), Emitter { uniform_exitance: None, ..half([c, d, a], 2.0) }],
-            [half([a, b, c], 2.0), half([a, b, c], 2.0)],
+            [triangle_light([a, b, c], 2.0), triangle_light([c, d, a], 1.0)],
+            [triangle_light([a, b, c], 2.0), triangle_light([a, d, c], 2.0)],
+            [triangle_light([a, b, c], 2.0), triangle_light([c, at(0.01, 0.8), a], 2.0)],
+            [triangle_light([a, b, c], 2.0), Emitter { is_front: false, ..triangle_light([c, d, a], 2.0) }],
+            [triangle_light([a, b, c], 2.0), Emitter { uniform_exitance: None, ..triangle_light([c, d, a], 2.0) }],
+            [triangle_light([a, b, c], 2.0), triangle_light([a, b, c], 2.0)],
         ];
         for other in others {
             assert_eq!(with_rectangles(other.to_vec()).len(), 2, "{other:?}");
         }
-        let three = vec![half([a, b, c], 2.0), half([c, d, a], 2.0), half([a, b, c], 2.0)];
+        let three =
+            vec![triangle_light([a, b, c], 2.0), triangle_light([c, d, a], 2.0), triangle_light([a, b, c], 2.0)];
         assert_eq!(with_rectangles(three).len(), 2);
     }
 }

@@ -219,10 +219,11 @@ fn split(polygon: &[DVec3], plane: (DVec3, f64), inside: &mut Vec<DVec3>, outsid
 mod tests {
     use std::ops::ControlFlow;
 
-    use hplt_geom::{Hit, LightGroupId, Ray, RegionId, Rgb, TriangleId};
+    use hplt_geom::{Hit, Ray, RegionId};
 
     use super::*;
     use crate::emitters::Corners;
+    use crate::emitters::tests::triangle_light;
 
     const LIMIT: usize = 40;
 
@@ -246,17 +247,7 @@ mod tests {
 
     /// Half of a square of side 2 at height 1, looking down.
     fn lamp() -> Emitter {
-        let corners = [Vec3::new(-1.0, -1.0, 1.0), Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0)];
-        Emitter {
-            corners: Corners::triangle(corners),
-            normal: Vec3::NEG_Z,
-            area: 2.0,
-            triangle: TriangleId(0),
-            is_front: true,
-            group: LightGroupId(0),
-            uniform_exitance: Some(Rgb::ONE),
-            power: 2.0,
-        }
+        triangle_light([Vec3::new(-1.0, -1.0, 1.0), Vec3::new(-1.0, 1.0, 1.0), Vec3::new(1.0, -1.0, 1.0)], 1.0)
     }
 
     fn opaque(corners: [Vec3; 3]) -> Blocker {

@@ -17,7 +17,7 @@ mod triangle;
 mod wide;
 
 #[cfg(test)]
-mod test_scenes;
+pub(crate) mod test_scenes;
 #[cfg(test)]
 mod tests;
 

@@ -1,9 +1,9 @@
 use glam::Vec3;
-use hplt_geom::{LightGroupId, OrientedPoint, RegionId, Rgb, TriangleId};
+use hplt_geom::{OrientedPoint, RegionId};
 use hplt_sampling::random::{Stage, Stream, unit_f32, unit_f64};
 
 use super::*;
-use crate::emitters::Corners;
+use crate::emitters::tests::triangle_light;
 use crate::emitters::{Emitters, Guides};
 
 /// Random numbers of a test.
@@ -26,18 +26,7 @@ impl Draws {
 }
 
 fn lamp(at: Vec3, edges: [Vec3; 2], exitance: f32) -> Emitter {
-    let cross = edges[0].cross(edges[1]);
-    let area = 0.5 * cross.length();
-    Emitter {
-        corners: Corners::triangle([at, at + edges[0], at + edges[1]]),
-        normal: cross.normalize(),
-        area,
-        triangle: TriangleId(0),
-        is_front: true,
-        group: LightGroupId(0),
-        uniform_exitance: Some(Rgb::splat(exitance)),
-        power: area * exitance,
-    }
+    triangle_light([at, at + edges[0], at + edges[1]], exitance)
 }
 
 /// Lamps of all sizes, orientations and powers.
