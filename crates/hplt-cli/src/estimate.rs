@@ -33,7 +33,11 @@ const SHEPARD_LINKS: f64 = 10.0;
 const BVH_BYTES_PER_TRIANGLE: f64 = 90.0;
 /// Bytes per triangle, the BVH included, while it is built and its triangles are put together to surfaces; what an allocator keeps
 /// of memory given back counts.
-const BUILDING_BYTES_PER_TRIANGLE: f64 = 480.0;
+const BUILDING_BYTES_PER_TRIANGLE: f64 = 400.0;
+/// The BVH is built in groups of about so many triangles, one per thread at a time, ...
+const TRIANGLES_PER_GROUP: f64 = 80_000.0;
+/// ... each of which takes so much more, per triangle.
+const BUILDING_BYTES_IN_A_GROUP: f64 = 330.0;
 /// Rays per second and thread that a solve gets through, all else included; a guess that a scene may miss by a factor of 3.
 const RAYS_PER_SECOND: f64 = 4e5;
 /// Share of the functions that are gathered in all bounces together.
@@ -86,7 +90,10 @@ impl Estimate {
         let n_triangles = mesh.n_triangles() as f64;
         let bvh = BVH_BYTES_PER_TRIANGLE * n_triangles;
         // What building takes in passing serves the points afterwards.
-        let building = (BUILDING_BYTES_PER_TRIANGLE * n_triangles - bvh - points - links).max(0.0);
+        let threads = settings.config.run.threads.unwrap_or_else(available_threads) as f64;
+        let at_once = (threads * TRIANGLES_PER_GROUP).min(n_triangles);
+        let building = BUILDING_BYTES_PER_TRIANGLE * n_triangles + BUILDING_BYTES_IN_A_GROUP * at_once;
+        let building = (building - bvh - points - links).max(0.0);
         let (geometry, textures) = (mesh.memory() as u64, scene.texture_memory() as u64);
         let loaded = memory_in_use().map_or(0, |now| now.saturating_sub(geometry + textures));
         let parts = vec![
@@ -98,7 +105,6 @@ impl Estimate {
             ("points", points as u64),
             ("links", links as u64),
         ];
-        let threads = settings.config.run.threads.unwrap_or_else(available_threads) as f64;
         let gathers = GATHERED_SHARE * n * f64::from(settings.transport.n_rays);
         let shadow_rays = finest * 32.0;
         let seconds = (gathers + shadow_rays) / (RAYS_PER_SECOND * threads);
