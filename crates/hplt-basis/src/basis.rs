@@ -102,7 +102,7 @@ impl ShepardBasis {
         let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, cells, nearest: Vec::new(), n_whole: 0 };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
         if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
-            basis.nearest = basis.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
+            basis.nearest = (0..basis.n_levels()).map(|level| basis.index(level)).collect();
         }
         basis.n_whole = basis.count_whole();
         basis
@@ -264,13 +264,17 @@ impl ShepardBasis {
         near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
     }
 
-    /// As [`approximate_nearest`](Self::approximate_nearest), by the index of the level where there is one, and without the search
-    /// unless `is_thorough`.
-    pub(crate) fn quick_nearest(&self, level: usize, query: &OrientedPoint, is_thorough: bool) -> Option<u32> {
+    /// [`approximate_nearest`](Self::approximate_nearest) of many, and exactly the nearest where the level has an index.
+    pub(crate) fn nearest_many(&self, level: usize, queries: &[OrientedPoint]) -> Vec<Option<u32>> {
         match self.nearest.get(level) {
-            Some(index) => index.nearest(query, self.support(level), is_thorough),
-            None => self.approximate_nearest(level, query),
+            Some(index) if queries.len() >= FEW => index.nearest_many(queries),
+            Some(index) => queries.iter().map(|query| index.nearest(query)).collect(),
+            None => queries.iter().map(|query| self.approximate_nearest(level, query)).collect(),
         }
+    }
+
+    fn index(&self, level: usize) -> NearestIndex {
+        NearestIndex::build(self.points(level), self.support(level))
     }
 
     /// The index of function `i` of `level` among those of all levels, coarsest first.
@@ -300,11 +304,10 @@ impl ShepardBasis {
         self.hierarchy.levels[finest].is_refined = is_refined;
         self.trees.push(tree_of(&level));
         self.cells.push(OnceLock::new());
-        if self.nearest.is_empty() {
-            self.nearest = self.hierarchy.levels.iter().map(|l| NearestIndex::build(&l.points)).collect();
-        }
-        self.nearest.push(NearestIndex::build(&level.points));
         self.hierarchy.levels.push(level);
+        for level in self.nearest.len()..self.n_levels() {
+            self.nearest.push(self.index(level));
+        }
         self.parents.push(self.find_parents(finest + 1));
         self.n_whole = self.count_whole();
     }

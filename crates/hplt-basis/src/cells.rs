@@ -12,23 +12,22 @@ pub(crate) const MAX_FUNCTIONS: usize = 16_384;
 const LONG_LIST: usize = 32;
 const MAX_ENTRIES: usize = 1 << 20;
 
-/// The functions of one level, listed for every cell of a grid that they may have weight in. For the coarse levels that rays read
-/// millions of times.
+/// Functions listed for the cells of a grid.
 #[derive(Debug)]
-pub(crate) struct LevelCells {
+pub(crate) struct Lists {
     cells_per_unit: f32,
     /// Open-addressed, a power of two of them.
     slots: Vec<Slot>,
-    /// The functions of each cell in turn, ascending.
-    lists: Vec<u32>,
-    functions: Vec<Function>,
+    /// The functions of each cell in turn.
+    functions: Vec<u32>,
 }
 
-/// A cell, as far as it is in one region.
+/// A cell, as far as it is in one region and, where that matters, of surface that faces one way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Key {
+pub(crate) struct Key {
     cell: [i32; 3],
     region: RegionId,
+    facing: u32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +36,96 @@ struct Slot {
     first: u32,
     /// 0 where the slot is free.
     n_functions: u32,
+}
+
+impl Key {
+    pub fn new(cell: IVec3, region: RegionId, facing: u32) -> Self {
+        Self { cell: cell.to_array(), region, facing }
+    }
+}
+
+impl Lists {
+    /// The lists of these entries, which are sorted by their keys, in a grid of so many cells.
+    pub fn new(entries: &[(Key, u32)], cells_per_unit: f32) -> Self {
+        let n_keys = entries.chunk_by(|a, b| a.0 == b.0).count();
+        let free = Slot { key: Key::new(IVec3::ZERO, RegionId(0), 0), first: 0, n_functions: 0 };
+        let mut slots = vec![free; (2 * n_keys).next_power_of_two()];
+        let mut first = 0;
+        for group in entries.chunk_by(|a, b| a.0 == b.0) {
+            let (key, n_functions) = (group[0].0, group.len() as u32);
+            let mut slot = hash(key) & (slots.len() - 1);
+            while slots[slot].n_functions > 0 {
+                slot = (slot + 1) & (slots.len() - 1);
+            }
+            slots[slot] = Slot { key, first, n_functions };
+            first += n_functions;
+        }
+        Self { cells_per_unit, slots, functions: entries.iter().map(|&(_, function)| function).collect() }
+    }
+
+    /// The list for a point that faces this way.
+    #[inline]
+    pub fn at(&self, query: &OrientedPoint, facing: u32) -> &[u32] {
+        self.slot_of(query, facing).map_or(&[], |slot| self.of_slot(slot))
+    }
+
+    #[inline]
+    fn of_slot(&self, slot: usize) -> &[u32] {
+        let Slot { first, n_functions, .. } = self.slots[slot];
+        &self.functions[first as usize..(first + n_functions) as usize]
+    }
+
+    #[inline]
+    fn slot_of(&self, query: &OrientedPoint, facing: u32) -> Option<usize> {
+        let key = Key::new(cell_at(query.position, self.cells_per_unit), query.region, facing);
+        let mut i = hash(key) & (self.slots.len() - 1);
+        while self.slots[i].n_functions > 0 {
+            if self.slots[i].key == key {
+                return Some(i);
+            }
+            i = (i + 1) & (self.slots.len() - 1);
+        }
+        None
+    }
+
+    /// Queries that have a list, those with the same list side by side.
+    pub fn by_cell(&self, queries: &[OrientedPoint], facing: impl Fn(&OrientedPoint) -> u32) -> ByCell<'_> {
+        let mut keys = Vec::with_capacity(queries.len());
+        for (i, query) in queries.iter().enumerate() {
+            keys.extend(self.slot_of(query, facing(query)).map(|slot| (slot as u64) << 32 | i as u64));
+        }
+        keys.sort_unstable();
+        let order: Vec<u32> = keys.iter().map(|&key| key as u32).collect();
+        let groups = keys.chunk_by(|a, b| a >> 32 == b >> 32);
+        ByCell {
+            columns: Columns::new(order.iter().map(|&i| &queries[i as usize])),
+            groups: groups.map(|group| (self.of_slot((group[0] >> 32) as usize), group.len())).collect(),
+            order,
+        }
+    }
+
+    pub fn memory(&self) -> usize {
+        size_of_val(&self.slots[..]) + size_of_val(&self.functions[..])
+    }
+}
+
+/// Queries in the order of the cells that they are in.
+pub(crate) struct ByCell<'a> {
+    /// Which query comes when.
+    pub order: Vec<u32>,
+    /// In that order.
+    pub columns: Columns,
+    /// The functions listed for a cell, and how many of the queries are in it.
+    pub groups: Vec<(&'a [u32], usize)>,
+}
+
+/// The functions of one level, listed for every cell of a grid that they may have weight in. For the coarse levels that rays read
+/// millions of times.
+#[derive(Debug)]
+pub(crate) struct LevelCells {
+    /// Ascending.
+    lists: Lists,
+    functions: Vec<Function>,
 }
 
 impl LevelCells {
@@ -48,29 +137,13 @@ impl LevelCells {
             cells_per_unit *= 2.0;
             entries = list(points, footprint, cells_per_unit);
         }
-        let groups: Vec<&[(Key, u32)]> = entries.chunk_by(|a, b| a.0 == b.0).collect();
-        let free = Slot { key: Key { cell: [0; 3], region: RegionId(0) }, first: 0, n_functions: 0 };
-        let n_slots = (2 * groups.len()).next_power_of_two();
-        let functions = points.iter().map(Function::of).collect();
-        let lists = entries.iter().map(|&(_, function)| function).collect();
-        let mut cells = Self { cells_per_unit, slots: vec![free; n_slots], lists, functions };
-        let mut first = 0;
-        for group in groups {
-            let (key, n_functions) = (group[0].0, group.len() as u32);
-            let mut slot = hash(key) & (n_slots - 1);
-            while cells.slots[slot].n_functions > 0 {
-                slot = (slot + 1) & (n_slots - 1);
-            }
-            cells.slots[slot] = Slot { key, first, n_functions };
-            first += n_functions;
-        }
-        cells
+        Self { lists: Lists::new(&entries, cells_per_unit), functions: points.iter().map(Function::of).collect() }
     }
 
     /// The functions that may have weight at `query`, ascending.
     #[inline]
     pub(crate) fn at(&self, query: &OrientedPoint) -> &[u32] {
-        self.slot_of(query).map_or(&[], |slot| self.list(slot))
+        self.lists.at(query, 0)
     }
 
     /// `(Σ w_i α_i, Σ w_i)` at each of `queries`, the `α` being `coefficients`, each summed in ascending order of the functions.
@@ -81,45 +154,18 @@ impl LevelCells {
         queries: &[OrientedPoint],
         coefficients: &[Rgb],
     ) -> Vec<(Rgb, f32)> {
-        let mut keys = Vec::with_capacity(queries.len());
-        for (i, query) in queries.iter().enumerate() {
-            keys.extend(self.slot_of(query).map(|slot| (slot as u64) << 32 | i as u64));
-        }
-        keys.sort_unstable();
-        let of_key = |key: &u64| *key as u32 as usize;
-        let columns = Columns::new(keys.iter().map(|key| &queries[of_key(key)]));
-        let groups = keys.chunk_by(|a, b| a >> 32 == b >> 32);
-        let groups = groups.map(|group| (self.list((group[0] >> 32) as usize), group.len())).collect();
-        let sums = lanes::sums(&self.functions, footprint, coefficients, &columns, groups);
+        let by_cell = self.lists.by_cell(queries, |_| 0);
+        let sums = lanes::sums(&self.functions, footprint, coefficients, &by_cell.columns, by_cell.groups);
         let mut out = vec![(Rgb::ZERO, 0.0); queries.len()];
-        for (i, key) in keys.iter().enumerate() {
+        for (i, &query) in by_cell.order.iter().enumerate() {
             let [r, g, b, sum] = [0, 1, 2, 3].map(|column: usize| sums[column][i]);
-            out[of_key(key)] = (Rgb::new(r, g, b), sum);
+            out[query as usize] = (Rgb::new(r, g, b), sum);
         }
         out
     }
 
-    #[inline]
-    fn list(&self, slot: usize) -> &[u32] {
-        let Slot { first, n_functions, .. } = self.slots[slot];
-        &self.lists[first as usize..(first + n_functions) as usize]
-    }
-
-    #[inline]
-    fn slot_of(&self, query: &OrientedPoint) -> Option<usize> {
-        let key = Key { cell: cell_at(query.position, self.cells_per_unit).to_array(), region: query.region };
-        let mut i = hash(key) & (self.slots.len() - 1);
-        while self.slots[i].n_functions > 0 {
-            if self.slots[i].key == key {
-                return Some(i);
-            }
-            i = (i + 1) & (self.slots.len() - 1);
-        }
-        None
-    }
-
     pub(crate) fn memory(&self) -> usize {
-        size_of_val(&self.slots[..]) + size_of_val(&self.lists[..]) + size_of_val(&self.functions[..])
+        self.lists.memory() + size_of_val(&self.functions[..])
     }
 }
 
@@ -128,8 +174,10 @@ fn list(points: &[OrientedPoint], footprint: &Footprint, cells_per_unit: f32) ->
     // On one thread: whoever waits for others here could be given a task that waits for these very cells.
     let mut entries = Vec::new();
     for (i, point) in points.iter().enumerate() {
-        touched_cells(point, footprint.support(), cells_per_unit, |cell| {
-            entries.push((Key { cell: cell.to_array(), region: point.region }, i as u32));
+        // Heights count three times.
+        let (reach, height) = (footprint.support(), footprint.support() / 3.0);
+        touched_cells(point, (reach, height), cells_per_unit, |cell| {
+            entries.push((Key::new(cell, point.region, 0), i as u32));
         });
     }
     entries.sort_unstable();
@@ -150,17 +198,21 @@ fn cell_at(position: Vec3, cells_per_unit: f32) -> IVec3 {
     truncated - IVec3::from(p.cmplt(truncated.as_vec3()))
 }
 
-/// Calls `visit` for all cells that the function at `point` may have weight in: those that its support touches, a sphere cut to a
-/// layer, since heights count three times, within its extent.
-fn touched_cells(point: &OrientedPoint, support: f32, cells_per_unit: f32, mut visit: impl FnMut(IVec3)) {
-    let reach = support * MARGIN;
+/// Calls `visit` for all cells that are, in part, within `reach` of `point`, within `height` of its tangent plane and within its extent.
+pub(crate) fn touched_cells(
+    point: &OrientedPoint,
+    (reach, height): (f32, f32),
+    cells_per_unit: f32,
+    mut visit: impl FnMut(IVec3),
+) {
+    let (reach, height) = (reach * MARGIN, height * MARGIN);
     let (low, high) =
         (cell_at(point.position - reach, cells_per_unit), cell_at(point.position + reach, cells_per_unit));
     let half = 0.5 * MARGIN / cells_per_unit;
     let [tangent, _, bitangent, ..] = Extent::sector_directions(point.normal);
     let axes = [tangent, bitangent, point.normal];
     let half_extents = Vec3::from(axes.map(|axis| half * axis.abs().element_sum()));
-    let support = Vec3::new(reach, reach, reach / 3.0);
+    let support = Vec3::new(reach, reach, height);
     for z in low.z..=high.z {
         for y in low.y..=high.y {
             for x in low.x..=high.x {
@@ -186,7 +238,7 @@ fn hash(key: Key) -> usize {
     let [x, y, z] = key.cell.map(|c| c as u32);
     let mixed =
         x.wrapping_mul(0x9E37_79B1).wrapping_add(y.wrapping_mul(0x85EB_CA77)).wrapping_add(z.wrapping_mul(0xC2B2_AE3D));
-    let mixed = mixed.wrapping_add(key.region.0.wrapping_mul(0x1656_67B1));
+    let mixed = mixed.wrapping_add(key.region.0.wrapping_mul(0x1656_67B1)).wrapping_add(key.facing << 10);
     let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x27D4_EB2F);
     (mixed ^ (mixed >> 16)) as usize
 }
@@ -254,13 +306,15 @@ pub(crate) mod tests {
         let usual = 2.0 / footprint.support();
         let mean_of = |points: &[OrientedPoint], cells_per_unit| mean_length(&list(points, &footprint, cells_per_unit));
         let crowd = LevelCells::build(basis.points(0), &footprint);
-        assert!(crowd.lists.len() < MAX_ENTRIES && crowd.slots.len() <= 4 * crowd.lists.len());
-        let halvings = (crowd.cells_per_unit / usual).log2();
+        assert!(
+            crowd.lists.functions.len() < MAX_ENTRIES && crowd.lists.slots.len() <= 4 * crowd.lists.functions.len()
+        );
+        let halvings = (crowd.lists.cells_per_unit / usual).log2();
         assert!(halvings >= 1.0 && halvings.fract() == 0.0, "{halvings}");
-        assert!(mean_of(basis.points(0), crowd.cells_per_unit) <= LONG_LIST);
-        assert!(mean_of(basis.points(0), 0.5 * crowd.cells_per_unit) > LONG_LIST);
+        assert!(mean_of(basis.points(0), crowd.lists.cells_per_unit) <= LONG_LIST);
+        assert!(mean_of(basis.points(0), 0.5 * crowd.lists.cells_per_unit) > LONG_LIST);
         let few: Vec<OrientedPoint> = basis.points(0).iter().step_by(20).copied().collect();
-        assert_eq!(LevelCells::build(&few, &footprint).cells_per_unit, usual);
+        assert_eq!(LevelCells::build(&few, &footprint).lists.cells_per_unit, usual);
         assert!(mean_of(&few, usual) <= LONG_LIST);
     }
 

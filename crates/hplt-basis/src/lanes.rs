@@ -1,5 +1,8 @@
-//! Sums over functions, for as many queries at once as the processor's vectors have lanes. Every lane does what
-//! [`Footprint::weight`] does, in the same order, so that the bits are the same on every processor.
+//! Sums over functions, and the nearest of them, for as many queries at once as the processor's vectors have lanes. Every lane does
+//! what [`Footprint::weight`] does, or [`OrientedPoint::is_continued_at`], in the same order, so that the bits are the same on every
+//! processor.
+
+use std::ops::Range;
 
 use glam::Vec3;
 use hplt_geom::{Extent, N_SECTORS, OrientedPoint, Rgb};
@@ -88,34 +91,104 @@ impl WithSimd for Sums<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let mut first = 0;
-        for (ids, n_queries) in self.groups {
-            let end = first + n_queries;
-            while first < end {
-                let lanes = first..end.min(first + S::F32_LANES);
-                let load = |column: &Vec<f32>| simd.partial_load_f32s(&column[lanes.clone()]);
-                let [x, y, z] = &self.queries.position;
-                let [nx, ny, nz] = &self.queries.normal;
-                let queries = Lanes {
-                    position: [load(x), load(y), load(z)],
-                    normal: [load(nx), load(ny), load(nz)],
-                    free_height: load(&self.queries.free_height),
-                };
-                let zero = simd.splat_f32s(0.0);
-                let (mut red, mut green, mut blue, mut sum) = (zero, zero, zero, zero);
-                for &id in ids {
-                    let weights = weights(simd, &self.functions[id as usize], self.footprint, &queries);
-                    let coefficient = self.coefficients[id as usize];
-                    red = simd.add_f32s(red, simd.mul_f32s(simd.splat_f32s(coefficient.x), weights));
-                    green = simd.add_f32s(green, simd.mul_f32s(simd.splat_f32s(coefficient.y), weights));
-                    blue = simd.add_f32s(blue, simd.mul_f32s(simd.splat_f32s(coefficient.z), weights));
-                    sum = simd.add_f32s(sum, weights);
-                }
-                for (column, values) in self.out.iter_mut().zip([red, green, blue, sum]) {
-                    simd.partial_store_f32s(&mut column[lanes.clone()], values);
-                }
-                first = lanes.end;
+        let Self { functions, footprint, coefficients, queries, groups, out } = self;
+        for_each(simd, queries, &groups, |ids, queries, lanes| {
+            let zero = simd.splat_f32s(0.0);
+            let (mut red, mut green, mut blue, mut sum) = (zero, zero, zero, zero);
+            for &id in ids {
+                let weights = weights(simd, &functions[id as usize], footprint, &queries);
+                let coefficient = coefficients[id as usize];
+                red = simd.add_f32s(red, simd.mul_f32s(simd.splat_f32s(coefficient.x), weights));
+                green = simd.add_f32s(green, simd.mul_f32s(simd.splat_f32s(coefficient.y), weights));
+                blue = simd.add_f32s(blue, simd.mul_f32s(simd.splat_f32s(coefficient.z), weights));
+                sum = simd.add_f32s(sum, weights);
             }
+            for (column, values) in out.iter_mut().zip([red, green, blue, sum]) {
+                simd.partial_store_f32s(&mut column[lanes.clone()], values);
+            }
+        });
+    }
+}
+
+/// What [`nearest`] says where there is none.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// At each query the nearest function of those of its group that [continue](OrientedPoint::is_continued_at) there, that face
+/// nearly the same way, by the least cosine between the normals, and that are less than `reach` away: the first if several are equally
+/// near.
+pub(crate) fn nearest(
+    functions: &[Function],
+    (reach, least_cosine): (f32, f32),
+    queries: &Columns,
+    groups: Vec<(&[u32], usize)>,
+) -> Vec<u32> {
+    let mut out = vec![NONE; queries.free_height.len()];
+    Arch::new().dispatch(Nearest { functions, reach, least_cosine, queries, groups, out: &mut out });
+    out
+}
+
+struct Nearest<'a> {
+    functions: &'a [Function],
+    reach: f32,
+    least_cosine: f32,
+    queries: &'a Columns,
+    groups: Vec<(&'a [u32], usize)>,
+    out: &'a mut [u32],
+}
+
+impl WithSimd for Nearest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { functions, reach, least_cosine, queries, groups, out } = self;
+        let least_cosine = simd.splat_f32s(least_cosine);
+        for_each(simd, queries, &groups, |ids, queries, lanes| {
+            let mut least = simd.splat_f32s(reach * reach);
+            let mut nearest = simd.splat_u32s(NONE);
+            for &id in ids {
+                let function = &functions[id as usize];
+                let offset = offset(simd, function, &queries);
+                let distance = dot(simd, offset, offset);
+                let is_nearer = simd.less_than_f32s(distance, least);
+                if simd.first_true_m32s(is_nearer) >= S::F32_LANES {
+                    continue;
+                }
+                let (is_there, _, cosine) = is_there(simd, function, &queries, offset);
+                let is_facing = simd.greater_than_f32s(cosine, least_cosine);
+                let is_in_sight = is_in_sight(simd, function, offset);
+                let is_it = simd.and_m32s(simd.and_m32s(is_nearer, is_there), simd.and_m32s(is_facing, is_in_sight));
+                least = simd.select_f32s(is_it, distance, least);
+                nearest = simd.select_u32s(is_it, simd.splat_u32s(id), nearest);
+            }
+            simd.partial_store_u32s(&mut out[lanes], nearest);
+        });
+    }
+}
+
+/// Calls `visit` with the functions of each group and some of its queries, and which ones those are, until all have been visited.
+#[inline(always)]
+fn for_each<S: Simd>(
+    simd: S,
+    queries: &Columns,
+    groups: &[(&[u32], usize)],
+    mut visit: impl FnMut(&[u32], Lanes<S>, Range<usize>),
+) {
+    let mut first = 0;
+    for &(ids, n_queries) in groups {
+        let end = first + n_queries;
+        while first < end {
+            let lanes = first..end.min(first + S::F32_LANES);
+            let load = |column: &Vec<f32>| simd.partial_load_f32s(&column[lanes.clone()]);
+            let [x, y, z] = &queries.position;
+            let [nx, ny, nz] = &queries.normal;
+            let queries = Lanes {
+                position: [load(x), load(y), load(z)],
+                normal: [load(nx), load(ny), load(nz)],
+                free_height: load(&queries.free_height),
+            };
+            visit(ids, queries, lanes.clone());
+            first = lanes.end;
         }
     }
 }
@@ -130,20 +203,10 @@ struct Lanes<S: Simd> {
 /// [`Footprint::weight`].
 #[inline(always)]
 fn weights<S: Simd>(simd: S, function: &Function, footprint: &Footprint, queries: &Lanes<S>) -> S::f32s {
-    let Extent { below, above, sight_height, .. } = function.extent;
     let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
-    let normal = splat(simd, function.normal);
-    let from = splat(simd, function.position);
-    let [x, y, z] = queries.position;
-    let offset = [simd.sub_f32s(x, from[0]), simd.sub_f32s(y, from[1]), simd.sub_f32s(z, from[2])];
-    let height = dot(simd, offset, normal);
+    let offset = offset(simd, function, queries);
     let straight = dot(simd, offset, offset);
-    let cosine = dot(simd, queries.normal, normal);
-    let is_above = simd.greater_than_or_equal_f32s(height, simd.splat_f32s(-below));
-    let is_below = simd.less_than_or_equal_f32s(height, simd.splat_f32s(above));
-    let is_free = simd.greater_than_or_equal_f32s(queries.free_height, simd.splat_f32s(sight_height));
-    let is_facing = simd.greater_than_f32s(cosine, zero);
-    let is_there = simd.and_m32s(simd.and_m32s(is_above, is_below), simd.and_m32s(is_free, is_facing));
+    let (is_there, height, cosine) = is_there(simd, function, queries, offset);
     let depth = simd.mul_f32s(simd.mul_f32s(simd.splat_f32s(8.0), height), height);
     let radial = radial(simd, footprint, simd.add_f32s(straight, depth));
     let weights = simd.mul_f32s(simd.mul_f32s(radial, cosine), cosine);
@@ -154,6 +217,34 @@ fn weights<S: Simd>(simd: S, function: &Function, footprint: &Footprint, queries
         return weights;
     }
     simd.select_f32s(is_in_sight(simd, function, offset), weights, zero)
+}
+
+/// From the function to the queries.
+#[inline(always)]
+fn offset<S: Simd>(simd: S, function: &Function, queries: &Lanes<S>) -> [S::f32s; 3] {
+    let from = splat(simd, function.position);
+    let [x, y, z] = queries.position;
+    [simd.sub_f32s(x, from[0]), simd.sub_f32s(y, from[1]), simd.sub_f32s(z, from[2])]
+}
+
+/// Whether queries at these offsets are on the side and within the layer of the function, and below nothing that it has not seen; how
+/// high above it they are; the cosine between the normals.
+#[inline(always)]
+fn is_there<S: Simd>(
+    simd: S,
+    function: &Function,
+    queries: &Lanes<S>,
+    offset: [S::f32s; 3],
+) -> (S::m32s, S::f32s, S::f32s) {
+    let Extent { below, above, sight_height, .. } = function.extent;
+    let normal = splat(simd, function.normal);
+    let height = dot(simd, offset, normal);
+    let cosine = dot(simd, queries.normal, normal);
+    let is_above = simd.greater_than_or_equal_f32s(height, simd.splat_f32s(-below));
+    let is_below = simd.less_than_or_equal_f32s(height, simd.splat_f32s(above));
+    let is_free = simd.greater_than_or_equal_f32s(queries.free_height, simd.splat_f32s(sight_height));
+    let is_facing = simd.greater_than_f32s(cosine, simd.splat_f32s(0.0));
+    (simd.and_m32s(simd.and_m32s(is_above, is_below), simd.and_m32s(is_free, is_facing)), height, cosine)
 }
 
 /// The kernel at these squared distances.

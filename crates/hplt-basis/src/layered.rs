@@ -1,6 +1,6 @@
-use hplt_geom::{OrientedPoint, Rgb};
+use hplt_geom::{OrientedPoint, RegionId, Rgb};
 
-use crate::reconstruction::{combine, for_each, nearest_on_any_level};
+use crate::reconstruction::{begin, combine, for_each, nearest_on_any_level};
 use crate::{Absolute, Coefficients, Coverage, Reconstruction, ShepardBasis, Weight};
 
 /// The continuous field of a hierarchy whose finer levels exist only where they are needed:
@@ -91,28 +91,36 @@ impl ShepardBasis {
         self.n_whole.min(n_levels.saturating_sub(1))
     }
 
-    /// The approximately nearest function on the finest level around `query` among the `n_levels` coarsest, as level and
+    /// For each query the approximately nearest function on the finest level around it among the `n_levels` coarsest, as level and
     /// index there.
-    pub fn layered_nearest(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
-        let mut found = None;
-        for level in self.coarsest_read(n_levels)..n_levels {
-            // Searching pays only on the level that must answer.
-            match self.quick_nearest(level, query, found.is_none()) {
+    pub fn layered_nearest(&self, n_levels: usize, queries: &[OrientedPoint]) -> Vec<Option<(usize, u32)>> {
+        let mut found = vec![None; queries.len()];
+        // Calls `visit` with each of the queries that it has not said no to, and the function of `level` nearest to it.
+        let look = |level, pending: &mut Vec<u32>, visit: &mut dyn FnMut(usize, Option<u32>) -> bool| {
+            let queries: Vec<OrientedPoint> = pending.iter().map(|&i| queries[i as usize]).collect();
+            let mut nearest = self.nearest_many(level, &queries).into_iter();
+            pending.retain(|&i| visit(i as usize, nearest.next().flatten()));
+        };
+        let coarsest = self.coarsest_read(n_levels);
+        let mut pending: Vec<u32> = (0..queries.len() as u32).collect();
+        for level in coarsest..n_levels {
+            look(level, &mut pending, &mut |i, function| match function {
                 Some(function) => {
-                    found = Some((level, function));
-                    if !self.hierarchy().levels[level].is_refined(function) {
-                        break;
-                    }
+                    found[i] = Some((level, function));
+                    self.hierarchy().levels[level].is_refined(function)
                 }
-                None if found.is_some() => break,
-                None => {}
-            }
+                None => found[i].is_none(),
+            });
         }
         // A patch too small for a finer function has only its coarse one.
-        found.or_else(|| {
-            let coarser = (0..self.coarsest_read(n_levels)).rev();
-            coarser.into_iter().find_map(|level| Some((level, self.quick_nearest(level, query, true)?)))
-        })
+        pending.retain(|&i| found[i as usize].is_none());
+        for level in (0..coarsest).rev() {
+            look(level, &mut pending, &mut |i, function| {
+                found[i] = function.map(|function| (level, function));
+                function.is_none()
+            });
+        }
+        found
     }
 }
 
@@ -151,12 +159,12 @@ impl Reconstruction<Absolute> for Layered {
         basis: &ShepardBasis,
         coefficients: &Coefficients<Absolute>,
         n_levels: usize,
-        query: &OrientedPoint,
-    ) -> Option<(Rgb, f32)> {
-        let (finest, _) = basis.layered_nearest(n_levels, query)?;
-        let mut value = [Rgb::ZERO];
-        self.reconstruct(basis, coefficients, n_levels, std::slice::from_ref(query), &mut value);
-        Some((value[0], basis.support(finest)))
+        queries: &[OrientedPoint],
+    ) -> Vec<Option<(Rgb, f32)>> {
+        let mut values = vec![Rgb::ZERO; queries.len()];
+        self.reconstruct(basis, coefficients, n_levels, queries, &mut values);
+        let found = basis.layered_nearest(n_levels, queries).into_iter().zip(values);
+        found.map(|(function, value)| function.map(|(finest, _)| (value, basis.support(finest)))).collect()
     }
 }
 
@@ -169,10 +177,15 @@ impl Reconstruction<Absolute> for LayeredNearest {
         queries: &[OrientedPoint],
         out: &mut [Rgb],
     ) -> Coverage {
-        for_each(queries, out, |query, coverage| match basis.layered_nearest(n_levels, query) {
-            Some((level, function)) => coefficients.level(level)[function as usize],
-            None => nearest_on_any_level(basis, coefficients, n_levels, query, coverage),
-        })
+        let mut coverage = begin(queries, out);
+        for ((query, out), found) in queries.iter().zip(out).zip(basis.layered_nearest(n_levels, queries)) {
+            *out = match found {
+                _ if query.region == RegionId::DARK => Rgb::ZERO,
+                Some((level, function)) => coefficients.level(level)[function as usize],
+                None => nearest_on_any_level(basis, coefficients, n_levels, query, &mut coverage),
+            };
+        }
+        coverage
     }
 
     fn in_sight(
@@ -180,9 +193,9 @@ impl Reconstruction<Absolute> for LayeredNearest {
         basis: &ShepardBasis,
         coefficients: &Coefficients<Absolute>,
         n_levels: usize,
-        query: &OrientedPoint,
-    ) -> Option<(Rgb, f32)> {
-        let (level, function) = basis.layered_nearest(n_levels, query)?;
-        Some((coefficients.level(level)[function as usize], basis.support(level)))
+        queries: &[OrientedPoint],
+    ) -> Vec<Option<(Rgb, f32)>> {
+        let read = |(level, i): (usize, u32)| (coefficients.level(level)[i as usize], basis.support(level));
+        basis.layered_nearest(n_levels, queries).into_iter().map(|found| found.map(read)).collect()
     }
 }

@@ -1,21 +1,17 @@
 use glam::Vec3;
 use hplt_geom::OrientedPoint;
-use hplt_kdtree::KdTree;
 
-/// The functions of one level, for looking up the nearest one: six kd-trees, one for each direction of the axes, each over the
-/// functions whose normals are not far from it. A leaf then holds functions that face the way the query does, and one descent
-/// nearly always finds one.
+use crate::cells::{Key, Lists, touched_cells};
+use crate::lanes::{self, Function};
+
+/// The functions of one level, for looking up the nearest one: listed for every cell of a grid that they reach into, by the direction
+/// of the axes that a query there faces.
 #[derive(Debug)]
 pub(crate) struct NearestIndex {
-    directions: [Direction; 6],
-}
-
-#[derive(Debug, Default)]
-struct Direction {
-    tree: KdTree,
-    /// By position in the tree's input.
+    lists: Lists,
     points: Vec<OrientedPoint>,
-    functions: Vec<u32>,
+    functions: Vec<Function>,
+    reach: f32,
 }
 
 /// A normal within 60° of a query's belongs to the direction of the query if its cosine with that is not below this: the
@@ -25,45 +21,62 @@ const LEAST_COSINE: f32 = 0.05;
 const SAME_SIDE: f32 = 0.5;
 
 impl NearestIndex {
-    pub fn build(functions: &[OrientedPoint]) -> Self {
-        let direction = |d: usize| {
-            let axis = axis_of(d);
-            let of_direction =
-                (0..functions.len() as u32).filter(|&i| functions[i as usize].normal.dot(axis) >= LEAST_COSINE);
-            let ids: Vec<u32> = of_direction.collect();
-            let points: Vec<OrientedPoint> = ids.iter().map(|&i| functions[i as usize]).collect();
-            let positions: Vec<Vec3> = points.iter().map(|p| p.position).collect();
-            Direction { tree: KdTree::build(&positions), points, functions: ids }
-        };
-        Self { directions: [0, 1, 2, 3, 4, 5].map(direction) }
+    /// The index of functions that answer at most `reach` away.
+    pub fn build(functions: &[OrientedPoint], reach: f32) -> Self {
+        let cells_per_unit = 1.0 / reach;
+        let mut entries = Vec::new();
+        for (i, point) in functions.iter().enumerate() {
+            let faced = (0..6).filter(|&d| point.normal.dot(axis_of(d)) >= LEAST_COSINE);
+            let faced: Vec<u32> = faced.collect();
+            touched_cells(point, (reach, reach), cells_per_unit, |cell| {
+                entries.extend(faced.iter().map(|&facing| (Key::new(cell, point.region, facing), i as u32)));
+            });
+        }
+        entries.sort_unstable();
+        Self {
+            lists: Lists::new(&entries, cells_per_unit),
+            points: functions.to_vec(),
+            functions: functions.iter().map(Function::of).collect(),
+            reach,
+        }
     }
 
-    /// A function near `query`, in its region, on its side and within sight of it, at most `reach` away; with `is_thorough`
-    /// the nearest one where one descent finds none.
-    pub fn nearest(&self, query: &OrientedPoint, reach: f32, is_thorough: bool) -> Option<u32> {
-        let direction = &self.directions[direction_of(query.normal)];
-        let accept = |id: u32| {
-            let point = &direction.points[id as usize];
-            query.normal.dot(point.normal) > SAME_SIDE && point.is_continued_at(query)
-        };
-        let found = direction.tree.approximate_nearest(query.position, accept);
-        let near = found.filter(|&(_, distance_squared)| distance_squared <= reach * reach);
-        let search = || if is_thorough { direction.tree.nearest(query.position, reach, accept) } else { None };
-        near.or_else(search).map(|(id, _)| direction.functions[id as usize])
+    /// The nearest function to `query` that is in its region, on its side and within sight of it, unless it is out of reach; of several
+    /// that are equally near the first.
+    pub fn nearest(&self, query: &OrientedPoint) -> Option<u32> {
+        let (mut nearest, mut least) = (None, self.reach * self.reach);
+        for &function in self.lists.at(query, facing(query.normal)) {
+            let point = &self.points[function as usize];
+            let distance = (query.position - point.position).length_squared();
+            if distance < least && query.normal.dot(point.normal) > SAME_SIDE && point.is_continued_at(query) {
+                (nearest, least) = (Some(function), distance);
+            }
+        }
+        nearest
+    }
+
+    /// [`nearest`](Self::nearest) for each of many queries, in a fraction of the time where many lie near each other.
+    pub fn nearest_many(&self, queries: &[OrientedPoint]) -> Vec<Option<u32>> {
+        let by_cell = self.lists.by_cell(queries, |query| facing(query.normal));
+        let found = lanes::nearest(&self.functions, (self.reach, SAME_SIDE), &by_cell.columns, by_cell.groups);
+        let mut out = vec![None; queries.len()];
+        for (&query, &found) in by_cell.order.iter().zip(&found) {
+            out[query as usize] = (found != lanes::NONE).then_some(found);
+        }
+        out
     }
 
     pub fn memory(&self) -> usize {
-        let of = |d: &Direction| d.tree.memory() + size_of_val(&d.points[..]) + size_of_val(&d.functions[..]);
-        self.directions.iter().map(of).sum()
+        self.lists.memory() + size_of_val(&self.points[..]) + size_of_val(&self.functions[..])
     }
 }
 
-fn axis_of(direction: usize) -> Vec3 {
-    Vec3::AXES[direction / 2] * if direction.is_multiple_of(2) { 1.0 } else { -1.0 }
+fn axis_of(direction: u32) -> Vec3 {
+    Vec3::AXES[direction as usize / 2] * if direction.is_multiple_of(2) { 1.0 } else { -1.0 }
 }
 
 /// The direction of the axes nearest to a normal.
-fn direction_of(normal: Vec3) -> usize {
+fn facing(normal: Vec3) -> u32 {
     let size = normal.abs();
     let axis = if size.x >= size.y && size.x >= size.z {
         0
@@ -72,5 +85,5 @@ fn direction_of(normal: Vec3) -> usize {
     } else {
         2
     };
-    2 * axis + usize::from(normal[axis] < 0.0)
+    2 * axis as u32 + u32::from(normal[axis] < 0.0)
 }

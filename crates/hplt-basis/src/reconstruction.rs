@@ -19,18 +19,21 @@ pub trait Reconstruction<E>: Sync {
         out: &mut [Rgb],
     ) -> Coverage;
 
-    /// The irradiance at `query`, W/m², reading the `n_levels` coarsest levels, and the support, scene units, of the finest
+    /// The irradiance at each query, W/m², reading the `n_levels` coarsest levels, and the support, scene units, of the finest
     /// functions read; `None` where no function is in sight, so that the answer would be a guess.
     fn in_sight(
         &self,
         basis: &ShepardBasis,
         coefficients: &Coefficients<E>,
         n_levels: usize,
-        query: &OrientedPoint,
-    ) -> Option<(Rgb, f32)> {
-        let mut value = [Rgb::ZERO];
-        let coverage = self.reconstruct(basis, coefficients, n_levels, std::slice::from_ref(query), &mut value);
-        (coverage.nearest + coverage.uncovered == 0).then(|| (value[0], basis.support(n_levels - 1)))
+        queries: &[OrientedPoint],
+    ) -> Vec<Option<(Rgb, f32)>> {
+        let one = |query| {
+            let mut value = [Rgb::ZERO];
+            let coverage = self.reconstruct(basis, coefficients, n_levels, std::slice::from_ref(query), &mut value);
+            (coverage.nearest + coverage.uncovered == 0).then(|| (value[0], basis.support(n_levels - 1)))
+        };
+        queries.iter().map(one).collect()
     }
 }
 
@@ -141,7 +144,7 @@ impl Reconstruction<Delta> for ApproximateNearest {
 }
 
 /// Zeroes, and the books of that many queries.
-fn begin(queries: &[OrientedPoint], out: &mut [Rgb]) -> Coverage {
+pub(crate) fn begin(queries: &[OrientedPoint], out: &mut [Rgb]) -> Coverage {
     assert_eq!(queries.len(), out.len(), "queries and results");
     out.fill(Rgb::ZERO);
     Coverage { queries: queries.len() as u64, ..Coverage::default() }

@@ -99,22 +99,26 @@ impl<E> PathSink for Sink<'_, E> {
         self.groups.add(ray, irradiance);
     }
 
-    fn read(&mut self, arrival: &Arrival) -> bool {
+    fn read<'a>(&mut self, arrivals: &'a [Arrival], points: &[OrientedPoint], mut go_on: impl FnMut(&'a Arrival)) {
         let Gathering { model, sender, contact, n_levels, .. } = *self.gathering;
         let Sender { coefficients, reconstruction, .. } = *sender;
-        let found = reconstruction.in_sight(model.basis, coefficients, n_levels, &arrival.point);
-        let good = found.filter(|(_, support)| arrival.distance >= contact * support);
-        let irradiance = match good {
-            Some((irradiance, _)) => irradiance,
-            None if !arrival.is_last => return false,
-            None => {
-                let mut last = [Rgb::ZERO];
-                let query = std::slice::from_ref(&arrival.point);
-                reconstruction.reconstruct(model.basis, coefficients, n_levels, query, &mut last);
-                last[0]
-            }
-        };
-        self.groups.add(arrival.ray, arrival.throughput * irradiance);
-        true
+        let found = reconstruction.in_sight(model.basis, coefficients, n_levels, points);
+        for (arrival, found) in arrivals.iter().zip(found) {
+            let good = found.filter(|(_, support)| arrival.distance >= contact * support);
+            let irradiance = match good {
+                Some((irradiance, _)) => irradiance,
+                None if !arrival.is_last => {
+                    go_on(arrival);
+                    continue;
+                }
+                None => {
+                    let mut last = [Rgb::ZERO];
+                    let query = std::slice::from_ref(&arrival.point);
+                    reconstruction.reconstruct(model.basis, coefficients, n_levels, query, &mut last);
+                    last[0]
+                }
+            };
+            self.groups.add(arrival.ray, arrival.throughput * irradiance);
+        }
     }
 }

@@ -535,29 +535,31 @@ impl PathSink for RowSink<'_> {
         self.by_group[group.0 as usize] += irradiance.as_dvec3();
     }
 
-    fn read(&mut self, arrival: &Arrival) -> bool {
+    fn read<'a>(&mut self, arrivals: &'a [Arrival], points: &[OrientedPoint], mut go_on: impl FnMut(&'a Arrival)) {
         let Linker { basis, options, state, .. } = self.linker;
         let n_levels = basis.n_levels();
-        let good = nearest_in_sight(basis, self.linker.caster, n_levels, &arrival.point);
-        if good.is_none() && !arrival.is_last {
-            return false;
-        }
-        match good {
-            Some((level, i)) if options.precision == LinkPrecision::Nearest => {
-                self.expansion.clear();
-                self.expansion.push(Weight { function: basis.flat_index(level, i), weight: 1.0 });
-                self.coverage.queries += 1;
+        let found = nearest_in_sight(basis, self.linker.caster, n_levels, points);
+        for (arrival, good) in arrivals.iter().zip(found) {
+            if good.is_none() && !arrival.is_last {
+                go_on(arrival);
+                continue;
             }
-            _ => self.coverage += basis.expand(n_levels, &arrival.point, self.expansion, self.layered),
+            match good {
+                Some((level, i)) if options.precision == LinkPrecision::Nearest => {
+                    self.expansion.clear();
+                    self.expansion.push(Weight { function: basis.flat_index(level, i), weight: 1.0 });
+                    self.coverage.queries += 1;
+                }
+                _ => self.coverage += basis.expand(n_levels, &arrival.point, self.expansion, self.layered),
+            }
+            let mut indirect = Rgb::ZERO;
+            for w in &*self.expansion {
+                self.row.add(w.function, arrival.throughput * (w.weight / options.n_rays as f32));
+                let known = state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
+                indirect += known * w.weight;
+            }
+            self.groups.add(arrival.ray, arrival.throughput * indirect);
         }
-        let mut indirect = Rgb::ZERO;
-        for w in &*self.expansion {
-            self.row.add(w.function, arrival.throughput * (w.weight / options.n_rays as f32));
-            let known = state.indirect.get(w.function as usize).copied().unwrap_or(Rgb::ZERO);
-            indirect += known * w.weight;
-        }
-        self.groups.add(arrival.ray, arrival.throughput * indirect);
-        true
     }
 }
 

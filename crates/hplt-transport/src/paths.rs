@@ -61,9 +61,9 @@ pub(crate) trait PathSink {
     /// What of [`add_direct`](Self::add_direct) comes from that group of lights.
     fn add_direct_of(&mut self, _group: LightGroupId, _irradiance: Rgb) {}
 
-    /// Reads the field at `arrival`, unless that is no good place to read, which must be fine for a last arrival. Returns whether
-    /// it was read; the path goes on where it was not.
-    fn read(&mut self, arrival: &Arrival) -> bool;
+    /// Reads the field at `arrivals`, which are at `points`, unless that is no good place to read, which must be fine for a last
+    /// arrival. Calls `go_on` with those that were not read: their paths go on.
+    fn read<'a>(&mut self, arrivals: &'a [Arrival], points: &[OrientedPoint], go_on: impl FnMut(&'a Arrival));
 }
 
 /// Buffers of one worker.
@@ -160,23 +160,23 @@ impl PathTracer<'_> {
 
     /// Reads the field, and casts the next ray of paths that found no good place for that.
     fn read_or_go_on(&self, id: u32, segment: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) {
-        let PathBuffers { at, rays, going_on, hits, .. } = buffers;
+        let PathBuffers { at, points, rays, going_on, hits, .. } = buffers;
         let stream = Stream::new(self.seed, self.stage);
         rays.clear();
         going_on.clear();
-        for arrival in at.iter().filter(|arrival| !sink.read(arrival)) {
+        sink.read(at, points, |arrival| {
             let [a, b, ..] = stream.words(id, arrival.ray, segment);
             let survival = self.survival(arrival);
             let (u, v) = (unit_f32(a), unit_f32(b));
             // The number that decides is uniform again for survivors.
             if u >= survival {
-                continue;
+                return;
             }
             let OrientedPoint { position, normal, .. } = arrival.point;
             let direction = warp::cosine_hemisphere(Vec2::new(u / survival, v), normal);
             rays.push(Ray::new(offset_origin(position, normal), direction));
             going_on.push((arrival.ray, arrival.throughput / survival));
-        }
+        });
         hits.clear();
         hits.resize(rays.len(), Hit::MISS);
         self.caster.trace_nearest(rays, hits);

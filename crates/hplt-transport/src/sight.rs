@@ -102,8 +102,9 @@ impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
         out: &mut [Rgb],
     ) -> Coverage {
         let mut coverage = Coverage::default();
-        for (query, out) in queries.iter().zip(out) {
-            match self.in_sight(basis, coefficients, n_levels, query) {
+        let found = self.in_sight(basis, coefficients, n_levels, queries);
+        for ((query, out), found) in queries.iter().zip(out).zip(found) {
+            match found {
                 Some((value, _)) => (*out, coverage.queries) = (value, coverage.queries + 1),
                 None => {
                     let (query, out) = (std::slice::from_ref(query), std::slice::from_mut(out));
@@ -119,10 +120,11 @@ impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
         basis: &ShepardBasis,
         coefficients: &Coefficients<Absolute>,
         n_levels: usize,
-        query: &OrientedPoint,
-    ) -> Option<(Rgb, f32)> {
-        let (level, i) = nearest_in_sight(basis, self.caster, n_levels, query)?;
-        Some((coefficients.level(level)[i as usize], basis.support(level)))
+        queries: &[OrientedPoint],
+    ) -> Vec<Option<(Rgb, f32)>> {
+        let found = nearest_in_sight(basis, self.caster, n_levels, queries).into_iter();
+        let read = |(level, i)| (coefficients.level(level)[i as usize], basis.support(level));
+        found.map(|function| function.map(read)).collect()
     }
 }
 
@@ -202,14 +204,19 @@ pub struct ReadBuffers {
     layered: LayeredScratch,
 }
 
-/// Level and index of the function that a gather ray reads at `query`: the approximately nearest, if a ray finds it in sight.
+/// For each query level and index of the function that a gather ray reads there: the approximately nearest, if a ray finds it in sight.
 pub(crate) fn nearest_in_sight(
     basis: &ShepardBasis,
     caster: &dyn RayCaster,
     n_levels: usize,
-    query: &OrientedPoint,
-) -> Option<(usize, u32)> {
-    let sees =
-        |&(level, i): &(usize, u32)| is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level));
-    basis.layered_nearest(n_levels, query).filter(sees)
+    queries: &[OrientedPoint],
+) -> Vec<Option<(usize, u32)>> {
+    let sees = |query, (level, i): (usize, u32)| {
+        is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
+    };
+    let mut found = basis.layered_nearest(n_levels, queries);
+    for (query, found) in queries.iter().zip(&mut found) {
+        *found = found.filter(|&function| sees(query, function));
+    }
+    found
 }
