@@ -1,9 +1,9 @@
 //! Indirect light at points: interpolated where that can be trusted, gathered where not.
 
 use hplt_geom::radiometry::luminance;
-use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
+use hplt_geom::{Interrupted, OrientedPoint, Progress, RegionId, Rgb};
 use hplt_sampling::random::Stage;
-use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGatherOptions, Reading};
+use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGather, FinalGatherOptions, Reading};
 
 use crate::job::Lit;
 use crate::settings::Settings;
@@ -14,9 +14,26 @@ const DOUBT: f32 = 0.3;
 /// Rays of a first try at every point, at least, and their share of the rays that are allowed. Points in slits and hollows and on
 /// surface that next to no light reaches are settled by it.
 const FIRST_TRY: (u32, u32) = (256, 16);
-/// Noise of a first try over the total irradiance that needs no second one: where all points are gathered, and where it is only those that
-/// cannot be interpolated.
-const SETTLED: [f32; 2] = [0.0025, 0.01];
+
+/// When a first try needs no second one.
+struct Settled {
+    /// At noise, over the total irradiance, of no more than this.
+    noise: f32,
+    /// Also where no ray has found any light.
+    in_the_dark: bool,
+}
+
+impl Settled {
+    /// Where all points are gathered.
+    const ALL: Self = Self { noise: 0.0025, in_the_dark: false };
+    /// Where it is only those that cannot be interpolated: many of them are in slits and hollows that no light gets to.
+    const DOUBTFUL: Self = Self { noise: 0.01, in_the_dark: true };
+
+    fn by(&self, found: &FinalGather, point: &OrientedPoint, total: f32) -> bool {
+        let may_be_dark = self.in_the_dark || point.region == RegionId::DARK || found.irradiance != Rgb::ZERO;
+        may_be_dark && luminance(found.noise) <= self.noise * total
+    }
+}
 
 /// Which points are gathered.
 pub enum Gathered<'a> {
@@ -79,8 +96,8 @@ pub fn indirect_light(
             (irradiance[i], noise[i]) = (found.irradiance, luminance(found.noise));
         }
         let scale = Scale::of(direct, &irradiance);
-        let tolerance = SETTLED[usize::from(!matches!(gathered, Gathered::All))];
-        let noisy = pending.iter().zip(&found).filter(|(i, found)| luminance(found.noise) > tolerance * scale.at(**i));
+        let settled = if matches!(gathered, Gathered::All) { Settled::ALL } else { Settled::DOUBTFUL };
+        let noisy = pending.iter().zip(&found).filter(|(i, found)| !settled.by(found, &points[**i], scale.at(**i)));
         pending = noisy.map(|(&i, _)| i).collect();
     }
     Ok(Indirect { irradiance, noise, n_gathered })
@@ -114,7 +131,27 @@ impl Scale {
 
 #[cfg(test)]
 mod tests {
+    use hplt_geom::glam::Vec3;
+
     use super::*;
+
+    #[test]
+    fn a_gather_that_finds_no_light_is_settled_only_where_there_is_none() {
+        let found = |irradiance: f32, noise: f32| FinalGather {
+            irradiance: Rgb::splat(irradiance),
+            noise: Rgb::splat(noise),
+            escaped: 0,
+        };
+        let point = |region| OrientedPoint::new(Vec3::ZERO, Vec3::Z, region);
+        let by = |settled: Settled, found, region| settled.by(&found, &point(region), 2.0);
+        assert!(!by(Settled::ALL, found(0.0, 0.0), RegionId(0)));
+        assert!(by(Settled::ALL, found(0.0, 0.0), RegionId::DARK));
+        assert!(by(Settled::DOUBTFUL, found(0.0, 0.0), RegionId(0)));
+        assert!(by(Settled::ALL, found(1.0, 0.004), RegionId(0)));
+        assert!(!by(Settled::ALL, found(1.0, 0.006), RegionId(0)));
+        assert!(by(Settled::DOUBTFUL, found(1.0, 0.019), RegionId(0)));
+        assert!(!by(Settled::DOUBTFUL, found(1.0, 0.021), RegionId(0)));
+    }
 
     #[test]
     fn readings_are_doubted_by_their_spread_over_the_total_light() {

@@ -3,6 +3,7 @@ use hplt_geom::{Extent, Interrupted, OrientedPoint, Progress, RayCaster, RegionI
 use crate::Regions;
 use crate::components::Components;
 use crate::random::{Stage, Stream};
+use crate::regions::Doubt;
 use crate::surface::{Side, SidePoint, SideSampler, point_on};
 use crate::visibility::{Oriented, free_height};
 
@@ -203,7 +204,7 @@ impl Source<'_> {
 
     fn reachable(&self, scene: &Scene, caster: &dyn RayCaster, point: &SidePoint) -> Option<OrientedPoint> {
         let SidePoint { position, normal, .. } = *point;
-        let region = self.regions.locate_one(scene, caster, Oriented { position, normal });
+        let region = self.regions.locate_one(scene, caster, Oriented { position, normal }, Doubt::LITTLE);
         let is_reachable = region != RegionId::DARK && point.is_exposed(caster);
         is_reachable.then(|| {
             let extent = Extent::of_query(free_height(caster, position, normal));

@@ -21,12 +21,25 @@ const NEIGHBORS: [usize; 3] = [3, 2, 2];
 const N_NEIGHBORS: usize = 5;
 /// The least cosine between the normals of a point and of a neighbour.
 const MIN_NORMAL_COSINE: f32 = 0.2;
-/// Rays of a point that no neighbour answers for.
-const RESCUE_RAYS: u32 = 16;
-/// Of these, so many that end in the dark decide.
-const MAX_DARK_RAYS: u32 = 4;
-/// The same for a point whose neighbour is in the dark.
-const DOUBT_RAYS: u32 = 2;
+
+/// How hard a point that no neighbour answers for, or one in the dark, looks for light.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Doubt {
+    /// Rays, at most. Most are for points in the open, whose rays escape and tell nothing.
+    n_rays: u32,
+    /// How many of them have to end in the dark to decide where no neighbour answers,
+    alone: u32,
+    /// and where one does that is in the dark.
+    in_company: u32,
+}
+
+impl Doubt {
+    /// For the many points that functions are chosen from, each of which stands for others nearby.
+    pub const LITTLE: Self = Self { n_rays: 16, alone: 4, in_company: 2 };
+    /// For points that are asked for.
+    pub const MUCH: Self = Self { n_rays: 256, alone: 8, in_company: 4 };
+}
+
 /// Surfaces that a ray of a point visits, each from the one before, until it comes to one that a neighbour answers for.
 pub(crate) const MAX_STEPS: u32 = 3;
 /// Points located by one task.
@@ -84,30 +97,31 @@ impl Regions {
             || (),
             |(), chunk| {
                 let chunk = &points[chunk * CHUNK..points.len().min((chunk + 1) * CHUNK)];
-                let locate =
-                    |&(position, normal): &(Vec3, Vec3)| self.locate_one(scene, caster, Oriented { position, normal });
+                let locate = |&(position, normal): &(Vec3, Vec3)| {
+                    self.locate_one(scene, caster, Oriented { position, normal }, Doubt::MUCH)
+                };
                 chunk.iter().map(locate).collect::<Vec<_>>()
             },
         );
         located.concat()
     }
 
-    pub(crate) fn locate_one(&self, scene: &Scene, caster: &dyn RayCaster, point: Oriented) -> RegionId {
-        let mut n_doubts = MAX_DARK_RAYS;
+    pub(crate) fn locate_one(&self, scene: &Scene, caster: &dyn RayCaster, point: Oriented, doubt: Doubt) -> RegionId {
+        let mut n_dark = doubt.alone;
         if let Some(anchor) = self.anchors.join(caster, point, NEIGHBORS) {
             if self.labels[anchor as usize] != RegionId::DARK {
                 return self.labels[anchor as usize];
             }
             // Through a crack a lit point, too, finds one in the dark. It is lit if anything else that it sees is.
-            n_doubts = DOUBT_RAYS;
+            n_dark = doubt.in_company;
         }
         let bits = point.position.to_array().map(f32::to_bits);
         let scramble = Stream::new(self.seed, Stage::Probe).word(bits[0], bits[1], bits[2]);
-        for k in 0..RESCUE_RAYS {
+        for k in 0..doubt.n_rays {
             match self.walk(scene, caster, point, [k, scramble]) {
                 Some(RegionId::DARK) => {
-                    n_doubts -= 1;
-                    if n_doubts == 0 {
+                    n_dark -= 1;
+                    if n_dark == 0 {
                         break;
                     }
                 }
@@ -272,6 +286,27 @@ mod tests {
                 .unwrap();
         }
         builder.build(BuildPolicy::default()).unwrap().0
+    }
+
+    /// A wall in the open that sees the lit floor with one of a hundred rays or so, and nothing else: what is known around says that it
+    /// is dark, and the other rays escape.
+    #[test]
+    fn points_in_the_open_look_for_light() {
+        let scene = lit_floor();
+        let bvh = Bvh::build(&scene, BvhOptions::fast()).0;
+        let mut regions = Regions::build(&scene, &bvh, 1, &NoProgress).unwrap();
+        let floor = scene.mesh().positions()[0].y;
+        let points: Vec<Oriented> = (0..12u8)
+            .map(|i| Vec3::new(1.5, floor + 0.5 + 0.05 * f32::from(i), 0.0))
+            .map(|position| Oriented { position, normal: Vec3::NEG_X })
+            .collect();
+        let n_lit = |regions: &Regions, doubt| {
+            let is_lit = |p: &&Oriented| regions.locate_one(&scene, &bvh, **p, doubt) != RegionId::DARK;
+            points.iter().filter(is_lit).count()
+        };
+        regions.lamps.clear();
+        assert_eq!(n_lit(&regions, Doubt::MUCH), points.len());
+        assert!(n_lit(&regions, Doubt::LITTLE) < points.len());
     }
 
     /// Even where every neighbour is called dark.

@@ -13,7 +13,7 @@ use crate::emitters::{Choice, Emitter, Emitters, Guides, choosing};
 use crate::gather::Counter;
 use crate::next_event::from_point;
 use crate::sky::SkySampler;
-use crate::visible::Visible;
+use crate::visible::{Found, Visible};
 
 /// How light that comes straight from emissive surfaces and the sky is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,7 +27,7 @@ pub enum DirectEstimator {
     Hemisphere,
 }
 
-/// Shadow rays to an emitter after which a point that sees all of it, or nothing, needs no more.
+/// Shadow rays to an emitter after which a point that sees all of it needs no more.
 const ENOUGH_TO_TELL: u32 = 128;
 
 /// Triangles in the way of an emitter that are cut out of it, at least, rather than sampled around.
@@ -315,10 +315,24 @@ impl PointSampler<'_> {
         if !emitter.can_light(position, normal) {
             return DVec3::ZERO;
         }
+        let exact = |exitance: Rgb, fraction: f64| {
+            exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction)
+        };
+        let max_blockers = self.max_blockers();
         if let Some(exitance) = emitter.uniform_exitance
-            && let Some(fraction) = shadows.visible.fraction(caster, self.point, emitter, self.max_blockers())
+            && let Some(fraction) = shadows.visible.fraction(caster, self.point, emitter, max_blockers)
         {
-            return exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction);
+            return exact(exitance, fraction);
+        }
+        match (
+            shadows.visible.look(caster, self.light.scene, self.point, emitter, max_blockers),
+            emitter.uniform_exitance,
+        ) {
+            (Found::Nothing, _) => return DVec3::ZERO,
+            (Found::Share(share), Some(exitance)) => {
+                return exact(exitance, share * self.visible_share_of_left(caster, index, shadows));
+            }
+            _ => {}
         }
         let mut n = self.light.options.light_samples;
         let scramble = self.seeds.of(0, index);
@@ -330,10 +344,8 @@ impl PointSampler<'_> {
             }
             shadows.trace(caster)
         };
-        // Most points see all of an emitter or nothing of it, and some hundred stratified rays tell.
         let (mut visible, mut all) = cast(0..n.min(ENOUGH_TO_TELL));
-        let is_clear = visible == DVec3::ZERO || visible == all;
-        if n > ENOUGH_TO_TELL && !(is_clear && emitter.uniform_exitance.is_some()) {
+        if n > ENOUGH_TO_TELL && !(visible == all && emitter.uniform_exitance.is_some()) {
             let (more_visible, more) = cast(ENOUGH_TO_TELL..n);
             (visible, all) = (visible + more_visible, all + more);
         } else {
@@ -346,9 +358,31 @@ impl PointSampler<'_> {
             Some(exitance) => {
                 // Exact form factor × visible fraction, the fraction weighted as the light arrives.
                 let fraction = if all.max_element() > 0.0 { visible.max_element() / all.max_element() } else { 0.0 };
-                exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction)
+                exact(exitance, fraction)
             }
         }
+    }
+
+    /// The visible share of what [`Visible::look`] left of an emitter, by rays.
+    fn visible_share_of_left(&self, caster: &dyn RayCaster, index: u32, shadows: &mut Shadows) -> f64 {
+        let scramble = self.seeds.of(0, index);
+        let mut cast = |range: std::ops::Range<u32>| {
+            shadows.clear();
+            for k in range {
+                if let Some((ray, cosine)) = shadows.visible.aim_at_left(sobol::sobol_2d(k, scramble, 0)) {
+                    shadows.push(ray, Rgb::splat(cosine));
+                }
+            }
+            let (visible, all) = shadows.trace(caster);
+            (visible.x, all.x)
+        };
+        let n = self.light.options.light_samples;
+        let (mut visible, mut all) = cast(0..n.min(ENOUGH_TO_TELL));
+        if n > ENOUGH_TO_TELL && visible != all {
+            let (more_visible, more) = cast(ENOUGH_TO_TELL..n);
+            (visible, all) = (visible + more_visible, all + more);
+        }
+        if all > 0.0 { visible / all } else { 0.0 }
     }
 
     fn some_emitters(

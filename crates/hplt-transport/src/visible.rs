@@ -1,10 +1,12 @@
-//! Exact visibility of emitters: what is left of one when everything in the way is cut out of it.
+//! Visibility of emitters: what is left of one when what is in the way is cut out of it. All that is, for an exact answer, or what a
+//! few rays meet, which is all that it takes to prove an emitter hidden and to find the sliver of one that is not.
 
 use std::ops::{ControlFlow, Range};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::raised_form_factor;
-use hplt_geom::{Blocker, OrientedPoint, RayCaster, Shaft, offset_origin};
+use hplt_geom::{Blocker, OrientedPoint, Ray, RayCaster, Scene, Shaft, offset_origin};
+use hplt_sampling::warp;
 
 use crate::emitters::Emitter;
 
@@ -14,24 +16,127 @@ const MAX_PIECES: usize = 48;
 /// Corners of a rectangle after the horizon has cut it, rounding counted where it is seen edge-on.
 const MAX_CORNERS: usize = 6;
 
+/// Share of an emitter that counts as cut out before anything is.
+const HEAD_START: f64 = 1.0 / 32.0;
+/// Share that is left of an emitter above which it is no better to sample that than all of it.
+const MUCH: f64 = 0.5;
+/// Share that may be left of an emitter that counts as hidden: rounding leaves slivers where triangles meet.
+const NOTHING: f64 = 1e-7;
+
 /// What must be left of the distance between a point and the plane of an emitter when both are moved off their surfaces.
 const NEAR: f32 = 0.8;
 
 /// What can be seen of a convex polygon, as convex pieces relative to the eye.
 #[derive(Debug, Default)]
 pub(crate) struct Visible {
+    eye: DVec3,
+    normal: DVec3,
     corners: Vec<DVec3>,
     pieces: Vec<Range<usize>>,
     blockers: Vec<[Vec3; 3]>,
     /// Of the step before, while blockers are cut out.
     before: (Vec<DVec3>, Vec<Range<usize>>),
+    /// What [`look`](Self::look) left, as triangles, with the solid angles of all up to each of them.
+    left: Vec<([Vec3; 3], f64)>,
     /// One piece on its way through the planes of a blocker.
     rest: Vec<DVec3>,
     inside: Vec<DVec3>,
     outside: Vec<DVec3>,
 }
 
+/// What a few rays tell of an emitter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Found {
+    /// All of it is hidden.
+    Nothing,
+    /// Parts of it that make this share of its unoccluded irradiance may be visible; the rest is hidden.
+    Share(f64),
+    /// Nothing that would help.
+    Unknown,
+}
+
 impl Visible {
+    /// Casts a ray to the middle of the largest piece of `emitter` and cuts out the triangle that it meets, again and again, until
+    /// nothing is left, a ray gets there, or nothing would be left only after more than `max_cuts` of them at this rate. What is left
+    /// then can be sampled ([`aim_at_left`](Self::aim_at_left)).
+    pub fn look(
+        &mut self,
+        caster: &dyn RayCaster,
+        scene: &Scene,
+        point: &OrientedPoint,
+        emitter: &Emitter,
+        max_cuts: usize,
+    ) -> Found {
+        if !self.begin(point, emitter) {
+            return Found::Unknown;
+        }
+        let (whole, whole_area) = (self.form_factor(), self.area());
+        let (mut left, mut n_cuts) = (whole_area, 0);
+        while let Some(middle) = self.middle_of_largest_piece(NOTHING * whole_area) {
+            let is_slow = n_cuts as f64 > max_cuts as f64 * (HEAD_START + 1.0 - left / whole_area);
+            if is_slow || self.pieces.len() > MAX_PIECES {
+                break;
+            }
+            let hit = caster.nearest(Ray { origin: self.eye.as_vec3(), direction: middle.as_vec3(), t_max: 1.0 });
+            if hit.is_miss() || scene.material(hit.triangle).alpha.is_some() {
+                break;
+            }
+            self.cut_out(scene.mesh().corners(hit.triangle).map(|corner| corner.as_dvec3() - self.eye));
+            let before = std::mem::replace(&mut left, self.area());
+            if left >= before {
+                break;
+            }
+            n_cuts += 1;
+        }
+        if left > MUCH * whole_area {
+            return Found::Unknown;
+        }
+        if left <= NOTHING * whole_area {
+            return Found::Nothing;
+        }
+        self.triangulate();
+        Found::Share((self.form_factor() / whole).min(1.0))
+    }
+
+    /// A ray to a point of what [`look`](Self::look) left, uniform in solid angle, and its cosine at the receiver. `u` is uniform in the
+    /// unit square. `None` where all is too small for rays.
+    pub fn aim_at_left(&self, u: Vec2) -> Option<(Ray, f32)> {
+        let at = f64::from(u.x) * self.left.last()?.1;
+        let i = self.left.partition_point(|&(_, until)| until <= at).min(self.left.len() - 1);
+        let (corners, until) = self.left[i];
+        let from = if i == 0 { 0.0 } else { self.left[i - 1].1 };
+        let again = ((at - from) / (until - from)).min(1.0 - f64::from(f32::EPSILON)) as f32;
+        let (direction, _) = warp::spherical_triangle(Vec2::new(again, u.y), corners)?;
+        let [a, b, c] = corners.map(Vec3::as_dvec3);
+        let (plane, towards) = ((b - a).cross(c - a), direction.as_dvec3());
+        let target = towards * (plane.dot(a) / plane.dot(towards));
+        let ray = Ray { origin: self.eye.as_vec3(), direction: target.as_vec3(), t_max: 1.0 };
+        let cosine = towards.dot(self.normal).max(0.0) as f32;
+        ray.direction.is_finite().then_some((ray, cosine))
+    }
+
+    /// `None` where all pieces are smaller than `least`.
+    fn middle_of_largest_piece(&self, least: f64) -> Option<DVec3> {
+        let with_area = |piece: &Range<usize>| (piece.clone(), self.area_of(piece));
+        let (piece, area) = self.pieces.iter().map(with_area).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        (area > least).then(|| self.corners[piece.clone()].iter().sum::<DVec3>() / piece.len() as f64)
+    }
+
+    fn triangulate(&mut self) {
+        self.left.clear();
+        let mut until = 0.0;
+        for piece in &self.pieces {
+            let corners = &self.corners[piece.clone()];
+            for pair in corners[1..].windows(2) {
+                let triangle = [corners[0], pair[0], pair[1]].map(|corner| corner.as_vec3());
+                if let Some((_, solid_angle)) = warp::spherical_triangle(Vec2::splat(0.5), triangle) {
+                    until += f64::from(solid_angle);
+                    self.left.push((triangle, until));
+                }
+            }
+        }
+    }
+
     /// The visible fraction of the irradiance at `point` from `emitter`, which is the same all over. `None` where more than
     /// `max_blockers` triangles may be in the way, or something with holes in it, where the two are so near that rounding matters, and
     /// where only rays can tell.
@@ -44,24 +149,19 @@ impl Visible {
         emitter: &Emitter,
         max_blockers: usize,
     ) -> Option<f64> {
-        let OrientedPoint { position, normal, .. } = *point;
-        let origin = offset_origin(position, normal);
-        let corners = emitter.corners.map(|corner| offset_origin(corner, emitter.normal));
-        if !is_far_off((position, origin, normal), emitter, &corners) {
+        if !self.begin(point, emitter) {
             return None;
         }
-        let eye = origin.as_dvec3();
-        self.begin(corners.iter().map(|corner| corner.as_dvec3() - eye), normal.as_dvec3());
         if self.corners.len() < 3 {
             return Some(0.0);
         }
         let mut polygon = [Vec3::ZERO; MAX_CORNERS];
         let n = self.corners.len();
-        polygon.iter_mut().zip(&self.corners).for_each(|(to, from)| *to = (*from + eye).as_vec3());
-        let mut shaft = Shaft::new(origin, &polygon[..n]);
-        shaft.cut(origin, normal);
-        shaft.cut(corners[0], emitter.normal);
-        let all = self.form_factor(normal);
+        polygon.iter_mut().zip(&self.corners).for_each(|(to, from)| *to = (*from + self.eye).as_vec3());
+        let mut shaft = Shaft::new(self.eye.as_vec3(), &polygon[..n]);
+        shaft.cut(self.eye.as_vec3(), point.normal);
+        shaft.cut(offset_origin(emitter.corners[0], emitter.normal), emitter.normal);
+        let all = self.form_factor();
         if all == 0.0 {
             return Some(0.0);
         }
@@ -71,29 +171,47 @@ impl Visible {
             if !is_told || self.pieces.is_empty() || self.pieces.len() > MAX_PIECES {
                 break;
             }
-            self.cut_out(triangle.map(|corner| corner.as_dvec3() - eye));
+            self.cut_out(triangle.map(|corner| corner.as_dvec3() - self.eye));
         }
         let is_whole = blockers.is_empty();
         self.blockers = blockers;
-        let fraction = || if is_whole { 1.0 } else { (self.form_factor(normal) / all).clamp(0.0, 1.0) };
+        let fraction = || if is_whole { 1.0 } else { (self.form_factor() / all).clamp(0.0, 1.0) };
         (is_told && self.pieces.len() <= MAX_PIECES).then(fraction)
     }
 
-    /// All of a triangle or rectangle above the horizon.
-    fn begin(&mut self, corners: impl Iterator<Item = DVec3>, normal: DVec3) {
+    /// All of a triangle or rectangle above the horizon, seen from just off the surface. `false` where the two are so near that this
+    /// moves them too much.
+    fn begin(&mut self, point: &OrientedPoint, emitter: &Emitter) -> bool {
+        let OrientedPoint { position, normal, .. } = *point;
+        let origin = offset_origin(position, normal);
+        let corners = emitter.corners.map(|corner| offset_origin(corner, emitter.normal));
+        if !is_far_off((position, origin, normal), emitter, &corners) {
+            return false;
+        }
+        (self.eye, self.normal) = (origin.as_dvec3(), normal.as_dvec3());
         self.rest.clear();
-        self.rest.extend(corners);
+        self.rest.extend(corners.iter().map(|corner| corner.as_dvec3() - self.eye));
         self.outside.clear();
         self.inside.clear();
-        split(&self.rest, (normal, 0.0), &mut self.inside, &mut self.outside);
+        split(&self.rest, (self.normal, 0.0), &mut self.inside, &mut self.outside);
         self.corners.clone_from(&self.inside);
         self.pieces.clear();
         self.pieces.push(0..self.corners.len());
+        true
     }
 
-    fn form_factor(&self, normal: Vec3) -> f64 {
-        let normal = normal.as_dvec3();
-        self.pieces.iter().map(|piece| raised_form_factor(normal, &self.corners[piece.clone()])).sum::<f64>().abs()
+    fn form_factor(&self) -> f64 {
+        let form_factor_of = |piece: &Range<usize>| raised_form_factor(self.normal, &self.corners[piece.clone()]);
+        self.pieces.iter().map(form_factor_of).sum::<f64>().abs()
+    }
+
+    fn area(&self) -> f64 {
+        self.pieces.iter().map(|piece| self.area_of(piece)).sum()
+    }
+
+    fn area_of(&self, piece: &Range<usize>) -> f64 {
+        let [first, rest @ ..] = &self.corners[piece.clone()] else { return 0.0 };
+        0.5 * rest.windows(2).map(|pair| (pair[0] - first).cross(pair[1] - first)).sum::<DVec3>().length()
     }
 
     /// Removes what is behind a triangle.

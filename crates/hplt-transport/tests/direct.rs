@@ -126,3 +126,75 @@ fn point_and_spot_lights_fall_off_with_distance_and_cosine() {
     let e = direct(&scene, &far, DirectOptions::projection())[0];
     assert!((e.x / expected - 1.0).abs() < 1e-5, "{e} {expected}");
 }
+
+/// Over [`floor_and_lamp`], at half the height: sheets that leave a slit of the width `2 gap` along z open where `z < end`.
+fn slit(builder: &mut SceneBuilder, gap: f64, end: f64) {
+    let black = builder.push_material(Material::diffuse("black", Rgb::ZERO));
+    let mut shape = Shape::new();
+    let mut sheet = |x: [f64; 2], z: [f64; 2]| {
+        let corner = |i: usize, k: usize| DVec3::new(x[i], 0.5, z[k]);
+        shape.quad([corner(0, 0), corner(0, 1), corner(1, 1), corner(1, 0)]);
+    };
+    sheet([-4.0, -gap], [-4.0, 4.0]);
+    sheet([gap, 4.0], [-4.0, 4.0]);
+    if end < 4.0 {
+        sheet([-gap, gap], [end, 4.0]);
+    }
+    shape.push_into(builder, "sheets", black);
+}
+
+/// Higher up a crowd of small triangles, more than are cut out of a lamp, which hides what is at `x > 0.1`, or `z > 0` if it is `across`.
+fn crowd(builder: &mut SceneBuilder, across: bool) {
+    let black = builder.push_material(Material::diffuse("crowd", Rgb::ZERO));
+    let corner = |x: f64, z: f64| DVec3::new(x, 0.75, z);
+    let from = if across { [-1.0, 0.0] } else { [0.1, -1.0] };
+    Shape::new()
+        .grid([corner(from[0], from[1]), corner(from[0], 1.0), corner(1.0, 1.0), corner(1.0, from[1])], 20, 20)
+        .push_into(builder, "crowd", black);
+}
+
+fn through_slit(gap: f64, end: f64, crowded: Option<bool>, options: DirectOptions) -> Vec<f32> {
+    let mut builder = floor_and_lamp(1);
+    slit(&mut builder, gap, end);
+    if let Some(across) = crowded {
+        crowd(&mut builder, across);
+    }
+    let scene = scenes::build(builder);
+    // Off the middle, to which the first ray goes.
+    let points: Vec<_> = (0..8).map(|i| at(&scene, [0.003 + 0.001 * f64::from(i), 0.0, 0.0], Vec3::Y)).collect();
+    direct(&scene, &points, options).into_iter().map(|e| e.x).collect()
+}
+
+/// A sliver of a lamp so thin that next to no shadow ray to the lamp would meet it, behind more blockers than can all be cut out: found
+/// by cutting out those that rays meet.
+#[test]
+fn slivers_of_a_lamp_are_found_in_a_crowd() {
+    for gap in [1e-3, 1e-4] {
+        let exact = through_slit(gap, 4.0, None, DirectOptions::measurement());
+        assert!(exact.iter().all(|&e| 0.0 < e && e < 5.0 * gap as f32), "{exact:?}");
+        for options in [DirectOptions::measurement(), DirectOptions::projection()] {
+            let found = through_slit(gap, 4.0, Some(false), options);
+            for (found, exact) in found.iter().zip(&exact) {
+                assert!((found / exact - 1.0).abs() < 1e-3, "gap {gap}: {found} {exact}");
+            }
+        }
+    }
+}
+
+/// Half of what the cuts leave is hidden by small triangles: their share is sampled.
+#[test]
+fn what_is_left_of_a_lamp_is_sampled() {
+    let exact = through_slit(1e-3, 0.0, None, DirectOptions::measurement());
+    let found = through_slit(1e-3, 4.0, Some(true), DirectOptions::measurement());
+    for (found, exact) in found.iter().zip(&exact) {
+        assert!((found / exact - 1.0).abs() < 0.02, "{found} {exact}");
+    }
+}
+
+/// Without a slit nothing is visible, and that is no matter of chance.
+#[test]
+fn a_hidden_lamp_gives_exactly_nothing() {
+    for options in [DirectOptions::measurement(), DirectOptions::projection()] {
+        assert_eq!(through_slit(0.0, 4.0, Some(false), options), [0.0; 8]);
+    }
+}
