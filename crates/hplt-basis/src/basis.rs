@@ -222,16 +222,14 @@ impl ShepardBasis {
     }
 
     /// The nearest function of `level` in the region of `query`, exactly: one within sight if there is any, else one on its
-    /// side, else one that does not face the other
-    /// way.
+    /// side, else one that does not face the other way.
     pub fn nearest(&self, level: usize, query: &OrientedPoint) -> Option<u32> {
         let mut found = [Nearness::InSight, Nearness::SameSide, Nearness::NotBehind].into_iter();
         found.find_map(|nearness| self.nearest_as(level, query, nearness))
     }
 
     /// Level and index of the nearest function of the finest of `n_levels` levels that has one in the region of `query`: within
-    /// sight on any level rather than on its side, on its side rather than one that does not
-    /// face the other way.
+    /// sight on any level rather than on its side, on its side rather than one that does not face the other way.
     pub(crate) fn nearest_on_any_level(&self, n_levels: usize, query: &OrientedPoint) -> Option<(usize, u32)> {
         [Nearness::InSight, Nearness::SameSide, Nearness::NotBehind].into_iter().find_map(|nearness| {
             (0..n_levels).rev().find_map(|level| Some((level, self.nearest_as(level, query, nearness)?)))
@@ -264,7 +262,8 @@ impl ShepardBasis {
         near.or_else(|| tree.nearest(query.position, support, same_side)).map(|(id, _)| id)
     }
 
-    /// [`approximate_nearest`](Self::approximate_nearest) of many, and exactly the nearest where the level has an index.
+    /// [`approximate_nearest`](Self::approximate_nearest) of many, and the nearest of all that face about the same way where the level
+    /// has an index.
     pub(crate) fn nearest_many(&self, level: usize, queries: &[OrientedPoint]) -> Vec<Option<u32>> {
         match self.nearest.get(level) {
             Some(index) if queries.len() >= FEW => index.nearest_many(queries),

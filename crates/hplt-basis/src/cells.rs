@@ -259,7 +259,7 @@ pub(crate) mod tests {
     }
 
     /// Functions in two regions, in thin and thick layers, some with walls nearby; near the axes and across them.
-    fn functions(n: usize, seed: u32) -> Vec<OrientedPoint> {
+    pub(crate) fn functions(n: usize, seed: u32) -> Vec<OrientedPoint> {
         let mut next = numbers(seed);
         let point = |_| {
             let position = Vec3::new(next(), next(), 0.2 * next()) - 0.5;
@@ -336,7 +336,7 @@ pub(crate) mod tests {
         }
     }
 
-    fn queries() -> Vec<OrientedPoint> {
+    pub(crate) fn queries() -> Vec<OrientedPoint> {
         let free = |i: usize| Extent::of_query(if i.is_multiple_of(2) { f32::INFINITY } else { 0.01 });
         functions(4000, 2)
             .into_iter()

@@ -338,5 +338,14 @@ mod tests {
             assert_eq!(wide, narrow);
             assert!(wide[3].iter().filter(|sum| **sum > 0.0).count() > 50, "{:?}", wide[3]);
         }
+        let groups = || vec![(&ids[..], 37), (&ids[10..], 1), (&ids[..40], 62)];
+        let (reach, least_cosine) = (0.4, 0.5);
+        let wide = nearest(&functions, (reach, least_cosine), &queries, groups());
+        let mut narrow = vec![NONE; 100];
+        let (functions, queries, out) = (&functions[..], &queries, &mut narrow[..]);
+        Nearest { functions, reach, least_cosine, queries, groups: groups(), out }.with_simd(pulp::Scalar::new());
+        assert_eq!(wide, narrow);
+        let n_found = wide.iter().filter(|found| **found != NONE).count();
+        assert!((20..100).contains(&n_found), "{n_found}");
     }
 }
