@@ -7,7 +7,7 @@ use hplt_geom::radiometry::{cone_solid_angle, cosine_pdf_solid_angle};
 
 /// The least cosine that [`cosine_hemisphere`] returns, so that no ray runs along its surface.
 pub const MIN_COSINE: f32 = 1e-6;
-/// The least solid angle that [`spherical_triangle`] tells from rounding, sr.
+/// The least solid angle that [`SphericalTriangle`] tells from rounding, sr.
 const LEAST_SOLID_ANGLE: f64 = 1e-8;
 
 /// A right-handed orthonormal basis whose third column is the unit vector `normal` (Duff et al., "Building an Orthonormal
@@ -101,65 +101,113 @@ pub fn uniform_triangle(u: Vec2) -> Vec2 {
     }
 }
 
-/// A unit direction uniform over the solid angle of a triangle with the given corners, seen from the origin, and that solid angle,
-/// sr (Arvo, "Stratified Sampling of Spherical Triangles", 1995). `None` where it is seen edge-on, or is too small to tell.
-pub fn spherical_triangle(u: Vec2, corners: [Vec3; 3]) -> Option<(Vec3, f32)> {
-    let [a, b, c] = corners.map(|p| p.as_dvec3().normalize_or_zero());
-    let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)].map(DVec3::normalize_or_zero);
-    let angle = |p: DVec3, q: DVec3| (-p.dot(q)).clamp(-1.0, 1.0).acos();
-    let cos_alpha = -ca.dot(ab);
-    let (alpha, beta, gamma) = (angle(ca, ab), angle(ab, bc), angle(bc, ca));
-    let solid_angle = alpha + beta + gamma - std::f64::consts::PI;
-    if solid_angle < LEAST_SOLID_ANGLE || [ab, bc, ca].contains(&DVec3::ZERO) {
-        return None;
-    }
-    // The part of it on the side of `a` and `b` whose area is the first number's share ends at `d` on the arc from `a` to `c`.
-    let sin_alpha = alpha.sin();
-    let (sin, cos) = (f64::from(u.x) * solid_angle - alpha).sin_cos();
-    let (p, q) = (cos - cos_alpha, sin + sin_alpha * a.dot(b));
-    let below = (q * sin + p * cos) * sin_alpha;
-    let cos_ad = if below == 0.0 { 1.0 } else { (((q * cos - p * sin) * cos_alpha - q) / below).clamp(-1.0, 1.0) };
-    let from = |start: DVec3, towards: DVec3, cos: f64| {
-        let side = (towards - towards.dot(start) * start).normalize_or_zero();
-        cos * start + (1.0 - cos * cos).max(0.0).sqrt() * side
-    };
-    let d = from(a, c, cos_ad);
-    let direction = from(b, d, 1.0 - f64::from(u.y) * (1.0 - d.dot(b)));
-    Some((direction.as_vec3(), solid_angle as f32))
+/// Directions uniform over the solid angle of a triangle seen from the origin (Arvo, "Stratified Sampling of Spherical Triangles", 1995).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SphericalTriangle {
+    /// Unit directions to the corners.
+    corners: [DVec3; 3],
+    /// The angle at the first corner.
+    alpha: f64,
+    cos_alpha: f64,
+    solid_angle: f64,
 }
 
-/// A unit direction uniform over the solid angle of a rectangle seen from the origin, and that solid angle, sr (Ureña, Fajardo & King,
-/// "An Area-Preserving Parametrization for Spherical Rectangles", 2013). From one `corner` its two `edges` go out at right angles. `None`
-/// where it is seen edge-on, or is too small to tell.
-pub fn spherical_rectangle(u: Vec2, corner: Vec3, edges: [Vec3; 2]) -> Option<(Vec3, f32)> {
-    let [ex, ey] = edges.map(|e| e.as_dvec3());
-    let (x, y) = (ex.try_normalize()?, ey.try_normalize()?);
-    let corner = corner.as_dvec3();
-    let z = x.cross(y);
-    let (x0, y0, z0) = (corner.dot(x), corner.dot(y), corner.dot(z));
-    let (z, z0) = if z0 > 0.0 { (-z, -z0) } else { (z, z0) };
-    if z0 == 0.0 {
-        return None;
+impl SphericalTriangle {
+    /// The triangle with the given corners. `None` where it is seen edge-on, or is too small to tell.
+    pub fn new(corners: [Vec3; 3]) -> Option<Self> {
+        let [a, b, c] = corners.map(|p| p.as_dvec3().normalize_or_zero());
+        let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)].map(DVec3::normalize_or_zero);
+        let angle = |p: DVec3, q: DVec3| (-p.dot(q)).clamp(-1.0, 1.0).acos();
+        let (alpha, beta, gamma) = (angle(ca, ab), angle(ab, bc), angle(bc, ca));
+        let solid_angle = alpha + beta + gamma - std::f64::consts::PI;
+        let is_seen = solid_angle >= LEAST_SOLID_ANGLE && ![ab, bc, ca].contains(&DVec3::ZERO);
+        is_seen.then_some(Self { corners: [a, b, c], alpha, cos_alpha: -ca.dot(ab), solid_angle })
     }
-    let (x1, y1) = (x0 + ex.length(), y0 + ey.length());
-    let hypotenuse = |a: f64, b: f64| (a * a + b * b).sqrt();
-    // What the normals of the planes through the sides and the origin have along z.
-    let [side_y0, side_x1, side_y1, side_x0] = [-y0, x1, y1, -x0].map(|k| k / hypotenuse(k, z0));
-    let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
-    let rest = std::f64::consts::TAU - angle(side_y1, side_x0) - angle(side_x0, side_y0);
-    let solid_angle = angle(side_y0, side_x1) + angle(side_x1, side_y1) - rest;
-    if solid_angle < LEAST_SOLID_ANGLE {
-        return None;
+
+    /// Steradians.
+    pub fn solid_angle(&self) -> f64 {
+        self.solid_angle
     }
-    let (sin, cos) = (f64::from(u.x) * solid_angle + rest).sin_cos();
-    let f = (cos * side_y0 - side_y1) / sin;
-    let cos_u = (f.signum() / hypotenuse(f, side_y0)).clamp(-1.0, 1.0);
-    let at_x = (-cos_u * z0 / (1.0 - cos_u * cos_u).sqrt()).clamp(x0, x1);
-    let to_line = hypotenuse(at_x, z0);
-    let [h0, h1] = [y0, y1].map(|k| k / hypotenuse(k, to_line));
-    let h = h0 + f64::from(u.y) * (h1 - h0);
-    let at_y = (h * to_line / (1.0 - h * h).max(0.0).sqrt()).clamp(y0, y1);
-    Some(((at_x * x + at_y * y + z0 * z).normalize().as_vec3(), solid_angle as f32))
+
+    /// A unit direction; `u` is uniform in the unit square.
+    pub fn sample(&self, u: Vec2) -> Vec3 {
+        let Self { corners: [a, b, c], alpha, cos_alpha, solid_angle } = *self;
+        // The part of it on the side of `a` and `b` whose area is the first number's share ends at `d` on the arc from `a` to `c`.
+        let sin_alpha = alpha.sin();
+        let (sin, cos) = (f64::from(u.x) * solid_angle - alpha).sin_cos();
+        let (p, q) = (cos - cos_alpha, sin + sin_alpha * a.dot(b));
+        let below = (q * sin + p * cos) * sin_alpha;
+        let cos_ad = if below == 0.0 { 1.0 } else { (((q * cos - p * sin) * cos_alpha - q) / below).clamp(-1.0, 1.0) };
+        let from = |start: DVec3, towards: DVec3, cos: f64| {
+            let side = (towards - towards.dot(start) * start).normalize_or_zero();
+            cos * start + (1.0 - cos * cos).max(0.0).sqrt() * side
+        };
+        let d = from(a, c, cos_ad);
+        from(b, d, 1.0 - f64::from(u.y) * (1.0 - d.dot(b))).as_vec3()
+    }
+}
+
+/// Directions uniform over the solid angle of a rectangle seen from the origin (Ureña, Fajardo & King, "An Area-Preserving Parametrization
+/// for Spherical Rectangles", 2013).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SphericalRectangle {
+    /// Along the edges, and away from the rectangle.
+    axes: [DVec3; 3],
+    /// The rectangle in these: from and to along the first two, and where along the third.
+    x: [f64; 2],
+    y: [f64; 2],
+    z: f64,
+    /// What the normals of the planes through the origin and the sides at the ends of `y` have along the third.
+    sides: [f64; 2],
+    rest: f64,
+    solid_angle: f64,
+}
+
+impl SphericalRectangle {
+    /// From one `corner` the two `edges` go out at right angles. `None` where it is seen edge-on, or is too small to tell.
+    pub fn new(corner: Vec3, edges: [Vec3; 2]) -> Option<Self> {
+        let [ex, ey] = edges.map(|e| e.as_dvec3());
+        let (x, y) = (ex.try_normalize()?, ey.try_normalize()?);
+        let corner = corner.as_dvec3();
+        let z = x.cross(y);
+        let (x0, y0, z0) = (corner.dot(x), corner.dot(y), corner.dot(z));
+        let (z, z0) = if z0 > 0.0 { (-z, -z0) } else { (z, z0) };
+        if z0 == 0.0 {
+            return None;
+        }
+        let (x1, y1) = (x0 + ex.length(), y0 + ey.length());
+        let [side_y0, side_x1, side_y1, side_x0] = [-y0, x1, y1, -x0].map(|k| k / hypotenuse(k, z0));
+        let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
+        let rest = std::f64::consts::TAU - angle(side_y1, side_x0) - angle(side_x0, side_y0);
+        let solid_angle = angle(side_y0, side_x1) + angle(side_x1, side_y1) - rest;
+        let (axes, sides) = ([x, y, z], [side_y0, side_y1]);
+        let rectangle = Self { axes, x: [x0, x1], y: [y0, y1], z: z0, sides, rest, solid_angle };
+        (solid_angle >= LEAST_SOLID_ANGLE).then_some(rectangle)
+    }
+
+    /// Steradians.
+    pub fn solid_angle(&self) -> f64 {
+        self.solid_angle
+    }
+
+    /// A unit direction; `u` is uniform in the unit square.
+    pub fn sample(&self, u: Vec2) -> Vec3 {
+        let Self { axes: [x, y, z], x: [x0, x1], y: [y0, y1], z: z0, sides: [side_y0, side_y1], rest, solid_angle } =
+            *self;
+        let (sin, cos) = (f64::from(u.x) * solid_angle + rest).sin_cos();
+        let f = (cos * side_y0 - side_y1) / sin;
+        let cos_u = (f.signum() / hypotenuse(f, side_y0)).clamp(-1.0, 1.0);
+        let at_x = (-cos_u * z0 / (1.0 - cos_u * cos_u).sqrt()).clamp(x0, x1);
+        let to_line = hypotenuse(at_x, z0);
+        let [h0, h1] = [y0, y1].map(|k| k / hypotenuse(k, to_line));
+        let h = h0 + f64::from(u.y) * (h1 - h0);
+        let at_y = (h * to_line / (1.0 - h * h).max(0.0).sqrt()).clamp(y0, y1);
+        (at_x * x + at_y * y + z0 * z).normalize().as_vec3()
+    }
+}
+
+fn hypotenuse(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
 }
 
 /// The density of [`uniform_triangle`] per unit area of a triangle of the given area.

@@ -2,7 +2,7 @@
 use glam::{Vec2, Vec3};
 use hplt_sampling::random::{Stage, Stream, hash, unit_f32, unit_f64};
 use hplt_sampling::sobol::{BLOCK_SIZE, sobol_2d};
-use hplt_sampling::warp;
+use hplt_sampling::warp::{self, SphericalRectangle, SphericalTriangle};
 
 #[test]
 fn test_vectors() {
@@ -221,8 +221,8 @@ fn spherical_triangles_are_uniform_in_solid_angle() {
         let expected = 2.0 * a.dot(b.cross(c)).abs().atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
         let factor = hplt_geom::radiometry::polygon_form_factor(glam::DVec3::Z, &[a, b, c]).abs();
         for corners in [corners, [corners[0], corners[2], corners[1]]] {
-            let sample = |u| warp::spherical_triangle(u, corners).unwrap();
-            assert!((f64::from(sample(Vec2::splat(0.5)).1) / expected - 1.0).abs() < 1e-5);
+            let seen = SphericalTriangle::new(corners).unwrap();
+            assert!((seen.solid_angle() / expected - 1.0).abs() < 1e-5);
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
             let hits = |d: Vec3| {
                 let p = d * (corners[0].dot(normal) / d.dot(normal));
@@ -232,14 +232,14 @@ fn spherical_triangles_are_uniform_in_solid_angle() {
                 };
                 (0..3).all(edge)
             };
-            assert!(grid(64).all(|u| hits(sample(u).0)));
+            assert!(grid(64).all(|u| hits(seen.sample(u))));
             // E = ∫ cosθ/π dω: the form factor, from its definition.
-            let cosines = mean(256, |u| f64::from(warp::cosine_hemisphere_pdf_solid_angle(sample(u).0.z)));
+            let cosines = mean(256, |u| f64::from(warp::cosine_hemisphere_pdf_solid_angle(seen.sample(u).z)));
             assert!((cosines * expected / factor - 1.0).abs() < 1e-4, "{} {factor}", cosines * expected);
         }
     }
-    assert_eq!(warp::spherical_triangle(Vec2::ZERO, [Vec3::X, Vec3::Y, Vec3::X]), None);
-    assert_eq!(warp::spherical_triangle(Vec2::ZERO, [Vec3::X, Vec3::Y, Vec3::X + Vec3::Y]), None);
+    assert_eq!(SphericalTriangle::new([Vec3::X, Vec3::Y, Vec3::X]), None);
+    assert_eq!(SphericalTriangle::new([Vec3::X, Vec3::Y, Vec3::X + Vec3::Y]), None);
 }
 
 /// Uniform over the solid angle of a rectangle, near, far, and with the origin below its middle or beside it: the area is that of its
@@ -259,18 +259,18 @@ fn spherical_rectangles_are_uniform_in_solid_angle() {
         let expected = triangle([a, b, c]) + triangle([a, c, d]);
         let up = directions.iter().sum::<glam::DVec3>().normalize();
         let factor = hplt_geom::radiometry::polygon_form_factor(up, &directions).abs();
-        let sample = |u| warp::spherical_rectangle(u, corner, edges).unwrap();
-        assert!((f64::from(sample(Vec2::splat(0.5)).1) / expected - 1.0).abs() < 1e-5);
+        let seen = SphericalRectangle::new(corner, edges).unwrap();
+        assert!((seen.solid_angle() / expected - 1.0).abs() < 1e-5);
         let normal = edges[0].cross(edges[1]);
         let hits = |d: Vec3| {
             let p = d * (corner.dot(normal) / d.dot(normal)) - corner;
             edges.iter().all(|e| (-1e-4..=1.0001).contains(&(p.dot(*e) / e.length_squared())))
         };
-        assert!(grid(64).all(|u| hits(sample(u).0)));
+        assert!(grid(64).all(|u| hits(seen.sample(u))));
         let above = |d: Vec3| f64::from(warp::cosine_hemisphere_pdf_solid_angle(d.dot(up.as_vec3()).max(0.0)));
-        let cosines = mean(256, |u| above(sample(u).0));
+        let cosines = mean(256, |u| above(seen.sample(u)));
         assert!((cosines * expected / factor - 1.0).abs() < 1e-4, "{} {factor}", cosines * expected);
     }
-    assert_eq!(warp::spherical_rectangle(Vec2::ZERO, Vec3::X, [Vec3::X, Vec3::Y]), None);
-    assert_eq!(warp::spherical_rectangle(Vec2::ZERO, Vec3::Z, [Vec3::ZERO, Vec3::Y]), None);
+    assert_eq!(SphericalRectangle::new(Vec3::X, [Vec3::X, Vec3::Y]), None);
+    assert_eq!(SphericalRectangle::new(Vec3::Z, [Vec3::ZERO, Vec3::Y]), None);
 }

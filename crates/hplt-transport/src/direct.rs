@@ -336,10 +336,11 @@ impl PointSampler<'_> {
         }
         let mut n = self.light.options.light_samples;
         let scramble = self.seeds.of(0, index);
+        let seen = emitter.seen_from(position, normal);
         let mut cast = |range: std::ops::Range<u32>| {
             shadows.clear();
             for k in range {
-                let aim = emitter.aim(self.light.scene, position, normal, sobol::sobol_2d(k, scramble, 0));
+                let aim = seen.aim(self.light.scene, sobol::sobol_2d(k, scramble, 0));
                 shadows.push(self.segment_to(emitter, aim.target), aim.brings);
             }
             shadows.trace(caster)
@@ -401,7 +402,7 @@ impl PointSampler<'_> {
         for k in 0..n {
             let by = choosing(sobol::sobol_2d(k, scramble, 1));
             let Some(Choice { emitter, probability, .. }) = chooser.choose(by) else { continue };
-            let aim = emitter.aim(self.light.scene, position, normal, sobol::sobol_2d(k, scramble, 0));
+            let aim = emitter.seen_from(position, normal).aim(self.light.scene, sobol::sobol_2d(k, scramble, 0));
             let brings = aim.brings / (n as f32 * probability);
             if brings != Rgb::ZERO {
                 shadows.groups.push(emitter.group);

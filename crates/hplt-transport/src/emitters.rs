@@ -6,7 +6,7 @@ use std::ops::Deref;
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::{area_kernel, cosine_pdf_solid_angle, luminance, polygon_form_factor};
 use hplt_geom::{LightGroupId, LightGroups, Material, OrientedPoint, Rgb, Scene, TriangleId};
-use hplt_sampling::warp;
+use hplt_sampling::warp::{self, SphericalRectangle, SphericalTriangle};
 
 use crate::light_tree::{Cut, LightTree};
 
@@ -80,6 +80,42 @@ pub(crate) struct Emitter {
     pub power: f32,
 }
 
+/// An emitter as a point sees it.
+pub(crate) struct Seen<'e> {
+    emitter: &'e Emitter,
+    position: Vec3,
+    normal: Vec3,
+    /// Where it looms.
+    shape: Option<Shape>,
+}
+
+enum Shape {
+    Triangle(SphericalTriangle),
+    Rectangle(SphericalRectangle),
+}
+
+impl Seen<'_> {
+    /// A point of it to send a shadow ray to, by where the light comes from: uniform in solid angle where it looms large, else in
+    /// area. `u` is uniform in the unit square.
+    pub fn aim(&self, scene: &Scene, u: Vec2) -> Aim {
+        let Self { emitter, position, normal, .. } = *self;
+        let (direction, solid_angle) = match &self.shape {
+            Some(Shape::Triangle(triangle)) => (triangle.sample(u), triangle.solid_angle()),
+            Some(Shape::Rectangle(rectangle)) => (rectangle.sample(u), rectangle.solid_angle()),
+            None => {
+                let Vec2 { x: s, y: t } = if emitter.is_rectangle() { u } else { warp::uniform_triangle(u) };
+                let target = emitter.point(s, t);
+                let exitance = emitter.exitance(scene, || Vec2::new(s, t));
+                return Aim { target, brings: exitance * emitter.kernel(position, normal, target) };
+            }
+        };
+        let distance = (emitter.corners[0] - position).dot(emitter.normal) / direction.dot(emitter.normal);
+        let target = position + distance * direction;
+        let weight = cosine_pdf_solid_angle(normal.dot(direction).max(0.0)) * solid_angle as f32;
+        Aim { target, brings: emitter.exitance(scene, || emitter.weights_of(target)) * weight }
+    }
+}
+
 impl Emitter {
     /// The irradiance without occlusion at a point, over the exitance: the exact configuration factor.
     pub fn form_factor(&self, position: Vec3, normal: Vec3) -> f32 {
@@ -124,26 +160,15 @@ impl Emitter {
         self.corners.n == 4
     }
 
-    /// A point of it to send a shadow ray to, by where the light comes from: uniform in solid angle where it looms large, else in
-    /// area. `u` is uniform in the unit square.
-    pub fn aim(&self, scene: &Scene, position: Vec3, normal: Vec3, u: Vec2) -> Aim {
+    /// For shadow rays to it from one point.
+    pub fn seen_from(&self, position: Vec3, normal: Vec3) -> Seen<'_> {
         let [a, b, c, d] = self.corners.all;
-        let seen = || match self.is_rectangle() {
-            true => warp::spherical_rectangle(u, a - position, [b - a, d - a]),
-            false => warp::spherical_triangle(u, [a - position, b - position, c - position]),
+        let shape = match (self.looms(position), self.is_rectangle()) {
+            (false, _) => None,
+            (true, true) => SphericalRectangle::new(a - position, [b - a, d - a]).map(Shape::Rectangle),
+            (true, false) => SphericalTriangle::new([a - position, b - position, c - position]).map(Shape::Triangle),
         };
-        let Some((direction, solid_angle)) = self.looms(position).then(seen).flatten() else {
-            let Vec2 { x: s, y: t } = if self.is_rectangle() { u } else { warp::uniform_triangle(u) };
-            let target = self.point(s, t);
-            return Aim {
-                target,
-                brings: self.exitance(scene, || Vec2::new(s, t)) * self.kernel(position, normal, target),
-            };
-        };
-        let distance = (a - position).dot(self.normal) / direction.dot(self.normal);
-        let target = position + distance * direction;
-        let weight = cosine_pdf_solid_angle(normal.dot(direction).max(0.0)) * solid_angle;
-        Aim { target, brings: self.exitance(scene, || self.weights_of(target)) * weight }
+        Seen { emitter: self, position, normal, shape }
     }
 
     /// Whether it takes up so much of the view that points of it bring very different amounts.
@@ -405,7 +430,8 @@ pub(crate) mod tests {
             let normal = (-lamp.normal + tilt * (lamp.corners[1] - lamp.corners[0]).normalize()).normalize();
             let exitance = luminance(lamp.uniform_exitance.unwrap());
             let n = 4096;
-            let brings = |k: u32| luminance(lamp.aim(&scene, position, normal, sobol_2d(k, 1, 0)).brings) / exitance;
+            let seen = lamp.seen_from(position, normal);
+            let brings = |k: u32| luminance(seen.aim(&scene, sobol_2d(k, 1, 0)).brings) / exitance;
             let (mut sum, mut most, mut most_by_area) = (0.0, 0f32, 0f32);
             for k in 0..n {
                 let b = brings(k);

@@ -96,7 +96,8 @@ impl DirectLight<'_> {
     ) {
         let chosen = self.emitters.at(point, 1, &mut events.guides).choose(choosing(sample));
         let Some(Choice { emitter, probability, again }) = chosen else { return };
-        let Aim { target, brings } = emitter.aim(self.scene, point.position, point.normal, Vec2::new(again, sample.y));
+        let Aim { target, brings } =
+            emitter.seen_from(point.position, point.normal).aim(self.scene, Vec2::new(again, sample.y));
         let ray = Ray::segment(origin, offset_origin(target, emitter.normal));
         events.push(i, emitter.group, ray, brings / probability);
     }

@@ -6,7 +6,7 @@ use std::ops::{ControlFlow, Range};
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::raised_form_factor;
 use hplt_geom::{Blocker, OrientedPoint, Ray, RayCaster, Scene, Shaft, offset_origin};
-use hplt_sampling::warp;
+use hplt_sampling::warp::SphericalTriangle;
 
 use crate::emitters::Emitter;
 
@@ -37,7 +37,9 @@ pub(crate) struct Visible {
     /// Of the step before, while blockers are cut out.
     before: (Vec<DVec3>, Vec<Range<usize>>),
     /// What [`look`](Self::look) left, as triangles, with the solid angles of all up to each of them.
-    left: Vec<([Vec3; 3], f64)>,
+    left: Vec<(SphericalTriangle, f64)>,
+    /// The plane of the emitter: all of its points have this product with this normal.
+    plane: (DVec3, f64),
     /// One piece on its way through the planes of a blocker.
     rest: Vec<DVec3>,
     inside: Vec<DVec3>,
@@ -103,13 +105,10 @@ impl Visible {
     pub fn aim_at_left(&self, u: Vec2) -> Option<(Ray, f32)> {
         let at = f64::from(u.x) * self.left.last()?.1;
         let i = self.left.partition_point(|&(_, until)| until <= at).min(self.left.len() - 1);
-        let (corners, until) = self.left[i];
-        let from = if i == 0 { 0.0 } else { self.left[i - 1].1 };
-        let again = ((at - from) / (until - from)).min(1.0 - f64::from(f32::EPSILON)) as f32;
-        let (direction, _) = warp::spherical_triangle(Vec2::new(again, u.y), corners)?;
-        let [a, b, c] = corners.map(Vec3::as_dvec3);
-        let (plane, towards) = ((b - a).cross(c - a), direction.as_dvec3());
-        let target = towards * (plane.dot(a) / plane.dot(towards));
+        let (triangle, until) = &self.left[i];
+        let again = ((at - until + triangle.solid_angle()) / triangle.solid_angle()).clamp(0.0, 1.0);
+        let towards = triangle.sample(Vec2::new(again as f32, u.y)).as_dvec3();
+        let target = towards * (self.plane.1 / towards.dot(self.plane.0));
         let ray = Ray { origin: self.eye.as_vec3(), direction: target.as_vec3(), t_max: 1.0 };
         let cosine = towards.dot(self.normal).max(0.0) as f32;
         ray.direction.is_finite().then_some((ray, cosine))
@@ -129,8 +128,8 @@ impl Visible {
             let corners = &self.corners[piece.clone()];
             for pair in corners[1..].windows(2) {
                 let triangle = [corners[0], pair[0], pair[1]].map(|corner| corner.as_vec3());
-                if let Some((_, solid_angle)) = warp::spherical_triangle(Vec2::splat(0.5), triangle) {
-                    until += f64::from(solid_angle);
+                if let Some(triangle) = SphericalTriangle::new(triangle) {
+                    until += triangle.solid_angle();
                     self.left.push((triangle, until));
                 }
             }
@@ -189,6 +188,8 @@ impl Visible {
             return false;
         }
         (self.eye, self.normal) = (origin.as_dvec3(), normal.as_dvec3());
+        let facing = emitter.normal.as_dvec3();
+        self.plane = (facing, facing.dot(corners[0].as_dvec3() - self.eye));
         self.rest.clear();
         self.rest.extend(corners.iter().map(|corner| corner.as_dvec3() - self.eye));
         self.outside.clear();
