@@ -107,6 +107,11 @@ fn count(run: &mut Run<'_>, placed: &[Placed], points: &[OrientedPoint]) {
     }
 }
 
+/// Shadow rays to each of few emitters where indirect light is interpolated. On Sponza they add a fifth of a per cent to an error of five
+/// and take a third of the time of as many as a gather deserves.
+const ROUGH_SHADOW_RAYS: u32 = 256;
+const FEW_EMITTERS: usize = 4;
+
 /// Direct and indirect irradiance at every point. After an early stop all of it is interpolated.
 fn light_at(
     run: &mut Run<'_>,
@@ -124,6 +129,8 @@ fn light_at(
     let options = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
     let direct = run.stage("direct light of points", |_| {
         let lights = DirectLight::new(lit.scene, options);
+        let is_rough = final_gather.is_none() && lights.n_emitters() <= FEW_EMITTERS;
+        let lights = if is_rough { lights.with_light_samples(ROUGH_SHADOW_RAYS) } else { lights };
         direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
     })?;
     let found = run.stage("indirect light of points", |run| {

@@ -100,6 +100,11 @@ impl<'s> DirectLight<'s> {
         Self { scene, groups, emitters, sky, options, by_hemisphere }
     }
 
+    /// The same lights, sampled with so many shadow rays ([`DirectOptions::light_samples`]).
+    pub fn with_light_samples(self, light_samples: u32) -> Self {
+        Self { options: DirectOptions { light_samples, ..self.options }, ..self }
+    }
+
     /// The groups of lights, by name.
     pub fn groups(&self) -> &LightGroups {
         &self.groups
