@@ -67,12 +67,6 @@ pub fn indirect_light(
     (gathered, n_rays): (&Gathered<'_>, u32),
     progress: &dyn Progress,
 ) -> Result<Indirect, Interrupted> {
-    let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
-    let seed = settings.transport.seed;
-    let gather = |points: &[OrientedPoint], n_rays| {
-        let options = FinalGatherOptions { n_rays, stage: Stage::FinalGather, seed, light: &light, contact: CONTACT };
-        lit.field.gather(&lit.model(), settings.transport.sender_levels, points, options, progress)
-    };
     let readings = match gathered {
         Gathered::All => vec![Reading { irradiance: Rgb::ZERO, spread: f32::INFINITY, noise: 0.0 }; points.len()],
         _ => lit.field.indirect_at(&lit.model(), points),
@@ -87,6 +81,15 @@ pub fn indirect_light(
     };
     let mut pending: Vec<usize> = (0..points.len()).filter(must_gather).collect();
     let n_gathered = pending.len();
+    if n_gathered == 0 {
+        return Ok(Indirect { irradiance, noise, n_gathered });
+    }
+    let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
+    let seed = settings.transport.seed;
+    let gather = |points: &[OrientedPoint], n_rays| {
+        let options = FinalGatherOptions { n_rays, stage: Stage::FinalGather, seed, light: &light, contact: CONTACT };
+        lit.field.gather(&lit.model(), settings.transport.sender_levels, points, options, progress)
+    };
     let (least, share) = FIRST_TRY;
     let first_try = Some((n_rays / share).max(least)).filter(|&first| first < n_rays);
     for n_rays in first_try.into_iter().chain([n_rays]) {

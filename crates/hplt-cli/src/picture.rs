@@ -61,8 +61,10 @@ pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Re
     run.report.enter_memory("g-buffer", gbuffer.memory());
     let direct =
         run.stage("direct light of pixels", |_| shade_direct(lit, &gbuffer, settings.transport.seed, progress))?;
-    let indirect =
+    let (indirect, n_gathered) =
         run.stage("indirect light of pixels", |run| shade_indirect(run, lit, (&gbuffer, &shared), &direct, progress))?;
+    run.report.more.insert("patches".into(), shared.queries.len().into());
+    run.report.more.insert("gathered".into(), n_gathered.into());
     let radiance = radiance(&gbuffer, &direct, &indirect);
     check_finite(&radiance)?;
     Ok(Picture { gbuffer, direct, indirect, radiance })
@@ -86,24 +88,30 @@ fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Prog
     Ok(direct_irradiance(&lights, &lit.bvh, &queries, Stage::Shading, progress)?)
 }
 
+/// Indirect light of every sample, and how many patches or samples were gathered.
 fn shade_indirect(
     run: &Run<'_>,
     lit: &Lit<'_>,
     (gbuffer, shared): (&GBuffer, &Shared),
     direct: &[Rgb],
     progress: &dyn Progress,
-) -> Result<Vec<Rgb>, Failure> {
+) -> Result<(Vec<Rgb>, usize), Failure> {
     let settings = run.settings;
     if lit.field.is_evaluated(settings.display) || lit.is_cut_short {
-        let readings = lit.field.indirect_at(&lit.model(), &shared.queries);
-        let irradiance: Vec<Rgb> = readings.iter().map(|reading| reading.irradiance).collect();
-        return Ok(shared.patches.spread(&irradiance, Rgb::ZERO));
+        // Of no use where nothing may take long any more.
+        let doubtful_rays = if lit.is_cut_short { 0 } else { settings.doubtful_rays };
+        let gathered: &Gathered<'_> =
+            if doubtful_rays == 0 { &Gathered::Only(&|_| false) } else { &Gathered::Doubtful(&|_| false) };
+        let direct = shared.patches.means(direct);
+        let found = indirect_light((lit, settings), &shared.queries, &direct, (gathered, doubtful_rays), progress)?;
+        return Ok((shared.patches.spread(&found.irradiance, Rgb::ZERO), found.n_gathered));
     }
     if settings.display != Display::FinalGather {
-        return Ok(lit.field.splat(&lit.model(), settings.display == Display::Flatten, gbuffer, progress)?);
+        return Ok((lit.field.splat(&lit.model(), settings.display == Display::Flatten, gbuffer, progress)?, 0));
     }
     let gathered = (&Gathered::All, settings.gather_rays);
-    Ok(indirect_light((lit, settings), &gbuffer.queries(), direct, gathered, progress)?.irradiance)
+    let found = indirect_light((lit, settings), &gbuffer.queries(), direct, gathered, progress)?;
+    Ok((found.irradiance, found.n_gathered))
 }
 
 fn splat_failure(error: hplt_splat::Error) -> Failure {

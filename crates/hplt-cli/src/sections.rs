@@ -114,6 +114,9 @@ pub struct RenderSection {
     /// Rays per pixel sample of --display final-gather, a power of two [default: 64]
     #[arg(long, value_name = "N")]
     pub gather_rays: Option<u32>,
+    /// Rays, at most, of pixels where interpolation cannot be trusted, a power of two; 0: interpolate there too [default: 0]
+    #[arg(long, value_name = "N")]
+    pub doubtful_rays: Option<u32>,
     /// Exposure of PNG files, in stops [default: chosen from the picture]
     #[arg(long, value_name = "EV", allow_hyphen_values = true)]
     pub exposure: Option<f32>,
@@ -281,5 +284,5 @@ macro_rules! layered {
 layered!(SceneSection: clamp_materials, drop_bad, one_sided, allow_empty, length_scale, light_unit, max_albedo);
 layered!(SolveSection: preset, variant, reconstruction, solver, levels, radius, rays, sender_levels, threshold,
     relative_threshold, noise_factor, bounces, tolerance, seed);
-layered!(RenderSection: camera, eye, target, up, fov, size, samples, display, gather_rays, exposure, tone_map);
+layered!(RenderSection: camera, eye, target, up, fov, size, samples, display, gather_rays, doubtful_rays, exposure, tone_map);
 layered!(RunSection: threads, max_memory, max_time, progress, strict);

@@ -45,6 +45,8 @@ pub struct Settings {
     pub display: Display,
     /// Rays per pixel sample of a final gather.
     pub gather_rays: u32,
+    /// Rays, at most, of a gather at pixels where interpolation cannot be trusted; 0 for none.
+    pub doubtful_rays: u32,
     /// Samples per pixel along each side.
     pub samples: usize,
     /// Whether nothing is written unless it is converged.
@@ -109,6 +111,7 @@ impl Settings {
             must_converge: tolerance.is_some(),
             display: config.render.display.unwrap_or(Display::Evaluate),
             gather_rays: config.render.gather_rays.unwrap_or(64),
+            doubtful_rays: config.render.doubtful_rays.unwrap_or(0),
             samples: config.render.samples.unwrap_or(2),
             strict: config.run.strict.unwrap_or(false),
             config,
@@ -188,6 +191,7 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
             samples: Some(2),
             display: Some(Display::Evaluate),
             gather_rays: Some(64),
+            doubtful_rays: Some(0),
             tone_map: Some(ToneMapName::Aces),
             ..RenderSection::default()
         },
@@ -262,6 +266,7 @@ fn check_solve(solve: &SolveSection) -> Result<(), Failure> {
 fn check_render(render: &RenderSection) -> Result<(), Failure> {
     within("--samples", render.samples, 1, 16)?;
     power_of_two("--gather-rays", render.gather_rays)?;
+    power_of_two("--doubtful-rays", render.doubtful_rays.filter(|&n| n > 0))?;
     if let Some(fov) = render.fov.filter(|f| !(*f > 0.0 && *f < 180.0)) {
         return Err(Failure::usage(format!("--fov {fov}; expected an angle between 0 and 180 degrees")));
     }

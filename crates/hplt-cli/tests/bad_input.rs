@@ -30,6 +30,7 @@ fn wrong_flags_are_usage_errors() {
         &["--eye", "0,0,0", "--target", "0,0,0"],
         &["--size", "0x9"],
         &["--fov", "0"],
+        &["--doubtful-rays", "7"],
         &["--error", "0"],
         &["--error", "1%"],
     ] {

@@ -75,6 +75,28 @@ fn a_render_writes_what_is_asked_and_says_it_in_one_json_document() {
     }
 }
 
+/// Where the blocks stand on the floor functions differ, and rays know better.
+#[test]
+fn pixels_that_interpolation_cannot_be_trusted_at_are_gathered_on_request() {
+    let folder = Folder::new();
+    let args = ["render", "gen:cornell", "--size", "24x24", "--eye", "0.278,0.4,0.05", "--target", "0.278,0,0.45"];
+    let render = |name: &str, flags: &[&str]| {
+        let report = folder.tiny(&[&args[..], &["-o", name, "--json"], flags].concat()).ok().json();
+        let count = |key: &str| report["more"][key].as_u64().unwrap();
+        (count("gathered"), count("patches"))
+    };
+    let (none, n_patches) = render("plain.exr", &[]);
+    assert_eq!((none, n_patches), render("zero.exr", &["--doubtful-rays", "0"]));
+    assert_eq!(folder.read("plain.exr"), folder.read("zero.exr"));
+    let (some, _) = render("some.exr", &["--doubtful-rays", "1024"]);
+    assert!(none == 0 && 0 < some && some < n_patches, "{some} of {n_patches}");
+    let (all, _) = render("all.exr", &["--display", "final-gather", "--gather-rays", "1024"]);
+    assert!(all >= n_patches, "{all}");
+    let error =
+        |name: &str| folder.run(&["compare", name, "all.exr", "--json"]).ok().json()["figures"]["mean"].as_f64();
+    assert!(error("some.exr") < error("plain.exr"), "{:?} {:?}", error("some.exr"), error("plain.exr"));
+}
+
 #[test]
 fn all_displays_show_about_the_same_picture() {
     let folder = Folder::new();

@@ -1,5 +1,5 @@
 use glam::Vec3;
-use hplt_geom::{OrientedPoint, RegionId, parallel};
+use hplt_geom::{OrientedPoint, RegionId, Rgb, parallel};
 
 use crate::GBuffer;
 
@@ -85,6 +85,17 @@ impl Patches {
         let of_samples = self.spread(regions, RegionId::DARK);
         let on_surface = (0..of_samples.len()).filter(|&i| !gbuffer.is_background(i));
         gbuffer.set_regions(on_surface.map(|i| of_samples[i]).collect());
+    }
+
+    /// The mean over the samples of each of what `of_samples` says of them.
+    pub fn means(&self, of_samples: &[Rgb]) -> Vec<Rgb> {
+        let mut sums = vec![(Rgb::ZERO, 0.0f32); self.middles.len()];
+        for (&patch, &value) in self.of_sample.iter().zip(of_samples) {
+            if let Some((sum, n)) = sums.get_mut(patch as usize) {
+                (*sum, *n) = (*sum + value, *n + 1.0);
+            }
+        }
+        sums.into_iter().map(|(sum, n)| sum / n).collect()
     }
 
     /// What `values` say of each patch, for each sample; `background` where there is none.

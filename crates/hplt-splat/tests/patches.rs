@@ -3,8 +3,8 @@
 mod common;
 
 use common::{camera, gbuffer_of, room, scene_of};
-use hplt_geom::RegionId;
 use hplt_geom::glam::Vec3;
+use hplt_geom::{RegionId, Rgb};
 use hplt_splat::{GBufferOptions, Patches};
 
 /// Nearly all pixels see one surface, and a patch is one of its samples: exactly on their surface, in their middle.
@@ -48,6 +48,26 @@ fn patches_of_curved_surfaces_are_on_them() {
     let points = Patches::of(&gbuffer).surface_points(&gbuffer);
     assert!(points.len() > 20, "{}", points.len());
     assert!(points.iter().all(|(position, _)| gbuffer.positions().contains(position)));
+}
+
+/// Each sample counts once, and background not at all.
+#[test]
+fn means_are_taken_over_the_samples_of_a_patch() {
+    let floor = [common::Rectangle::new([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])];
+    let options = GBufferOptions { width: 40, height: 30, samples_per_axis: 2, seed: 1 };
+    let gbuffer = gbuffer_of(&scene_of(&floor), &camera(), options);
+    let patches = Patches::of(&gbuffer);
+    let n = patches.surface_points(&gbuffer).len();
+    let numbers: Vec<usize> = (0..n).collect();
+    let of_sample = patches.spread(&numbers, usize::MAX);
+    let values: Vec<Rgb> = (0..gbuffer.n_samples()).map(|i| Rgb::splat((i % 7) as f32)).collect();
+    let means = patches.means(&values);
+    assert!(means.len() == n && n > 0);
+    for (patch, mean) in means.iter().enumerate() {
+        let members = of_sample.iter().zip(&values).filter(|(of, _)| **of == patch).map(|(_, value)| value.x);
+        let (sum, count) = members.fold((0.0, 0), |(sum, count), x| (sum + x, count + 1));
+        assert!((mean.x - sum / count as f32).abs() < 1e-6, "{mean} {sum} {count}");
+    }
 }
 
 #[test]
