@@ -15,7 +15,7 @@ use crate::outputs::{check_outputs, to_stdout};
 use crate::render::inputs;
 use crate::sections::RenderSection;
 use crate::session::{Ended, session};
-use crate::settings::power_of_two;
+use crate::settings::{doubtful_rays, power_of_two};
 use crate::snap::{Placed, place};
 use crate::solution;
 
@@ -28,7 +28,7 @@ const RAYS_IN_AIR: u32 = 1024;
 /// With what stopped it.
 pub fn run(args: &PointsArgs) -> Result<Ended, Failure> {
     power_of_two("--final-gather", args.final_gather)?;
-    power_of_two("--doubtful-rays", (args.doubtful_rays > 0).then_some(args.doubtful_rays))?;
+    doubtful_rays(Some(args.doubtful_rays))?;
     args.budget.check(&args.common, args.solution.is_some() || args.final_gather.is_some())?;
     let out = file_output(args.out.as_deref(), args.common.output.json)?;
     session("points", (&args.common, &RenderSection::default()), &args.scene, |run| {

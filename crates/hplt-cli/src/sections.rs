@@ -284,5 +284,6 @@ macro_rules! layered {
 layered!(SceneSection: clamp_materials, drop_bad, one_sided, allow_empty, length_scale, light_unit, max_albedo);
 layered!(SolveSection: preset, variant, reconstruction, solver, levels, radius, rays, sender_levels, threshold,
     relative_threshold, noise_factor, bounces, tolerance, seed);
-layered!(RenderSection: camera, eye, target, up, fov, size, samples, display, gather_rays, doubtful_rays, exposure, tone_map);
+layered!(RenderSection: camera, eye, target, up, fov, size, samples, display, gather_rays, doubtful_rays, exposure,
+    tone_map);
 layered!(RunSection: threads, max_memory, max_time, progress, strict);

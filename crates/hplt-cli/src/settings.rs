@@ -266,7 +266,7 @@ fn check_solve(solve: &SolveSection) -> Result<(), Failure> {
 fn check_render(render: &RenderSection) -> Result<(), Failure> {
     within("--samples", render.samples, 1, 16)?;
     power_of_two("--gather-rays", render.gather_rays)?;
-    power_of_two("--doubtful-rays", render.doubtful_rays.filter(|&n| n > 0))?;
+    doubtful_rays(render.doubtful_rays)?;
     if let Some(fov) = render.fov.filter(|f| !(*f > 0.0 && *f < 180.0)) {
         return Err(Failure::usage(format!("--fov {fov}; expected an angle between 0 and 180 degrees")));
     }
@@ -301,6 +301,11 @@ pub fn power_of_two(flag: &str, value: Option<u32>) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
+}
+
+/// A power of two too, or 0 for none.
+pub fn doubtful_rays(value: Option<u32>) -> Result<(), Failure> {
+    power_of_two("--doubtful-rays", value.filter(|&n| n > 0))
 }
 
 fn within(flag: &str, value: Option<usize>, low: usize, high: usize) -> Result<(), Failure> {

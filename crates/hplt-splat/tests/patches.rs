@@ -5,7 +5,7 @@ mod common;
 use common::{camera, gbuffer_of, room, scene_of};
 use hplt_geom::glam::Vec3;
 use hplt_geom::{RegionId, Rgb};
-use hplt_splat::{GBufferOptions, Patches};
+use hplt_splat::{GBuffer, GBufferOptions, Patches};
 
 /// Nearly all pixels see one surface, and a patch is one of its samples: exactly on their surface, in their middle.
 #[test]
@@ -50,12 +50,16 @@ fn patches_of_curved_surfaces_are_on_them() {
     assert!(points.iter().all(|(position, _)| gbuffer.positions().contains(position)));
 }
 
+fn floor_in_the_open() -> GBuffer {
+    let floor = [common::Rectangle::new([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])];
+    let options = GBufferOptions { width: 40, height: 30, samples_per_axis: 2, seed: 1 };
+    gbuffer_of(&scene_of(&floor), &camera(), options)
+}
+
 /// Each sample counts once, and background not at all.
 #[test]
 fn means_are_taken_over_the_samples_of_a_patch() {
-    let floor = [common::Rectangle::new([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])];
-    let options = GBufferOptions { width: 40, height: 30, samples_per_axis: 2, seed: 1 };
-    let gbuffer = gbuffer_of(&scene_of(&floor), &camera(), options);
+    let gbuffer = floor_in_the_open();
     let patches = Patches::of(&gbuffer);
     let n = patches.surface_points(&gbuffer).len();
     let numbers: Vec<usize> = (0..n).collect();
@@ -72,9 +76,7 @@ fn means_are_taken_over_the_samples_of_a_patch() {
 
 #[test]
 fn background_has_no_patch() {
-    let floor = [common::Rectangle::new([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])];
-    let options = GBufferOptions { width: 40, height: 30, samples_per_axis: 2, seed: 1 };
-    let gbuffer = gbuffer_of(&scene_of(&floor), &camera(), options);
+    let gbuffer = floor_in_the_open();
     let patches = Patches::of(&gbuffer);
     let is_seen = patches.spread(&vec![true; patches.surface_points(&gbuffer).len()], false);
     assert!(is_seen.iter().any(|&seen| !seen));

@@ -297,6 +297,11 @@ impl Seeds {
     }
 }
 
+/// What is visible of all, by the largest channel.
+fn share(visible: DVec3, all: DVec3) -> f64 {
+    if all.max_element() > 0.0 { visible.max_element() / all.max_element() } else { 0.0 }
+}
+
 /// Samples the lights from one point.
 struct PointSampler<'a> {
     light: &'a DirectLight<'a>,
@@ -339,56 +344,52 @@ impl PointSampler<'_> {
             }
             _ => {}
         }
-        let mut n = self.light.options.light_samples;
         let scramble = self.seeds.of(0, index);
         let seen = emitter.seen_from(position, normal);
-        let mut cast = |range: std::ops::Range<u32>| {
-            shadows.clear();
-            for k in range {
-                let aim = seen.aim(self.light.scene, sobol::sobol_2d(k, scramble, 0));
-                shadows.push(self.segment_to(emitter, aim.target), aim.brings);
-            }
-            shadows.trace(caster)
-        };
-        let (mut visible, mut all) = cast(0..n.min(ENOUGH_TO_TELL));
-        if n > ENOUGH_TO_TELL && !(visible == all && emitter.uniform_exitance.is_some()) {
-            let (more_visible, more) = cast(ENOUGH_TO_TELL..n);
-            (visible, all) = (visible + more_visible, all + more);
-        } else {
-            n = n.min(ENOUGH_TO_TELL);
-        }
-        visible /= f64::from(n);
-        all /= f64::from(n);
+        let (visible, all) = self.cast(caster, emitter.uniform_exitance.is_some(), shadows, |shadows, k| {
+            let aim = seen.aim(self.light.scene, sobol::sobol_2d(k, scramble, 0));
+            shadows.push(self.segment_to(emitter, aim.target), aim.brings);
+        });
         match emitter.uniform_exitance {
-            None => visible,
-            Some(exitance) => {
-                // Exact form factor × visible fraction, the fraction weighted as the light arrives.
-                let fraction = if all.max_element() > 0.0 { visible.max_element() / all.max_element() } else { 0.0 };
-                exact(exitance, fraction)
-            }
+            None => visible / f64::from(self.light.options.light_samples),
+            // Exact form factor × visible fraction, the fraction weighted as the light arrives.
+            Some(exitance) => exact(exitance, share(visible, all)),
         }
     }
 
     /// The visible share of what [`Visible::look`] left of an emitter, by rays.
     fn visible_share_of_left(&self, caster: &dyn RayCaster, index: u32, shadows: &mut Shadows) -> f64 {
         let scramble = self.seeds.of(0, index);
-        let mut cast = |range: std::ops::Range<u32>| {
-            shadows.clear();
-            for k in range {
-                if let Some((ray, cosine)) = shadows.visible.aim_at_left(sobol::sobol_2d(k, scramble, 0)) {
-                    shadows.push(ray, Rgb::splat(cosine));
-                }
+        let (visible, all) = self.cast(caster, true, shadows, |shadows, k| {
+            if let Some((ray, cosine)) = shadows.visible.aim_at_left(sobol::sobol_2d(k, scramble, 0)) {
+                shadows.push(ray, Rgb::splat(cosine));
             }
-            let (visible, all) = shadows.trace(caster);
-            (visible.x, all.x)
+        });
+        share(visible, all)
+    }
+
+    /// What the unoccluded shadow rays bring, and what all would; `push` adds ray `k`. The first are [enough](ENOUGH_TO_TELL) if all of them
+    /// get there and only the share counts.
+    fn cast(
+        &self,
+        caster: &dyn RayCaster,
+        only_share_counts: bool,
+        shadows: &mut Shadows,
+        push: impl Fn(&mut Shadows, u32),
+    ) -> (DVec3, DVec3) {
+        let mut cast = |rays: std::ops::Range<u32>| {
+            shadows.clear();
+            rays.for_each(|k| push(shadows, k));
+            shadows.trace(caster)
         };
         let n = self.light.options.light_samples;
-        let (mut visible, mut all) = cast(0..n.min(ENOUGH_TO_TELL));
-        if n > ENOUGH_TO_TELL && visible != all {
-            let (more_visible, more) = cast(ENOUGH_TO_TELL..n);
-            (visible, all) = (visible + more_visible, all + more);
+        let first = n.min(ENOUGH_TO_TELL);
+        let (visible, all) = cast(0..first);
+        if first == n || only_share_counts && visible == all {
+            return (visible, all);
         }
-        if all > 0.0 { visible / all } else { 0.0 }
+        let (more_visible, more) = cast(first..n);
+        (visible + more_visible, all + more)
     }
 
     fn some_emitters(
