@@ -186,8 +186,8 @@ impl Run<'_> {
                 self.enter_reading(attempt.expected(reading), reading);
                 return Ok(lit);
             }
-            let Lit { scene, bvh, regions, .. } = lit;
-            parts = LinkParts { scene, bvh, regions, coarsest };
+            let Lit { scene, bvh, regions, lights, .. } = lit;
+            parts = LinkParts { scene, bvh, regions, lights, coarsest };
         }
         unreachable!("the last attempt is chosen whatever it found")
     }

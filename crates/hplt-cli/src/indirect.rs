@@ -3,7 +3,7 @@
 use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, RegionId, Rgb};
 use hplt_sampling::random::Stage;
-use hplt_transport::{CONTACT, DirectLight, DirectOptions, FinalGather, FinalGatherOptions, Reading};
+use hplt_transport::{CONTACT, DirectOptions, FinalGather, FinalGatherOptions, Reading};
 
 use crate::job::Lit;
 use crate::settings::Settings;
@@ -84,7 +84,7 @@ pub fn indirect_light(
     if n_gathered == 0 {
         return Ok(Indirect { irradiance, noise, n_gathered });
     }
-    let light = DirectLight::new(lit.scene, DirectOptions::one_sample());
+    let light = lit.lights.with_options(DirectOptions::one_sample());
     let seed = settings.transport.seed;
     let gather = |points: &[OrientedPoint], n_rays| {
         let options = FinalGatherOptions { n_rays, stage: Stage::FinalGather, seed, light: &light, contact: CONTACT };

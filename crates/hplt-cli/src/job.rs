@@ -38,6 +38,8 @@ pub struct Lit<'s> {
     pub bvh: Bvh,
     /// Which part of the air a point faces.
     pub regions: Regions,
+    /// Its lights.
+    pub lights: DirectLight<'s>,
     /// The function space.
     pub basis: ShepardBasis,
     /// The light.
@@ -73,6 +75,8 @@ pub struct LinkParts<'s> {
     pub bvh: Bvh,
     /// Which part of the air a point faces.
     pub regions: Regions,
+    /// Its lights.
+    pub lights: DirectLight<'s>,
     /// The coarsest level.
     pub coarsest: PointHierarchy,
 }
@@ -168,8 +172,11 @@ impl<'r> Run<'r> {
         self.enter_hierarchy(&hierarchy.report);
         self.look_for_sky(scene, &bvh)?;
         let regions = hierarchy.regions;
+        let seed = settings.transport.seed;
+        let options = DirectOptions { seed, ..DirectOptions::projection() };
+        let lights = self.stage("lights", |_| DirectLight::new(scene, options));
         if settings.variant == Variant::Links {
-            let parts = LinkParts { scene, bvh, regions, coarsest: hierarchy.points };
+            let parts = LinkParts { scene, bvh, regions, lights, coarsest: hierarchy.points };
             return match self.budget.is_some() {
                 true => self.link_within(parts),
                 false => self.link(parts, settings.links()),
@@ -179,8 +186,6 @@ impl<'r> Run<'r> {
         self.report.enter_memory("points, trees, parents", basis.memory());
         self.report.enter_memory("regions", regions.memory());
         let model = Model { scene, caster: &bvh, basis: &basis };
-        let seed = settings.transport.seed;
-        let lights = DirectLight::new(scene, DirectOptions { seed, ..DirectOptions::projection() });
         let direct = self.stage("direct light", |_| project_direct(&model, &lights, reporter))?;
         let how = (settings.variant, settings.reconstruction);
         let solved = self.stage("bounces", |_| Field::solve(&model, direct, how, &settings.transport, reporter));
@@ -196,7 +201,7 @@ impl<'r> Run<'r> {
             ));
         }
         let is_cut_short = transport.stop == StopReason::Interrupted;
-        let lit = Lit { scene, bvh, regions, basis, field, kept: None, is_cut_short };
+        let lit = Lit { scene, bvh, regions, lights, basis, field, kept: None, is_cut_short };
         if !is_cut_short && transport.stop != StopReason::NoLight {
             self.measure_error(&lit)?;
         }
@@ -208,11 +213,10 @@ impl<'r> Run<'r> {
     /// # Errors
     /// Those of the links.
     pub fn link<'s>(&mut self, parts: LinkParts<'s>, options: LinkOptions) -> Result<Lit<'s>, Failure> {
-        let LinkParts { scene, bvh, regions, coarsest } = parts;
+        let LinkParts { scene, bvh, regions, lights, coarsest } = parts;
         let (settings, reporter) = (self.settings, self.reporter);
         let (keep, by_group) = (self.keep, self.keep.is_any());
         let options = LinkOptions { by_group, ..options };
-        let lights = DirectLight::new(scene, DirectOptions { seed: options.seed, ..DirectOptions::projection() });
         let mut linked =
             self.stage("links", |_| transport_links(scene, &bvh, coarsest, &lights, &options, reporter))?;
         self.report.enter_links(&linked, scene.frame().scale(), reporter.stop());
@@ -225,7 +229,7 @@ impl<'r> Run<'r> {
         let field = Field::linked(direct, (indirect, noise), settings.reconstruction);
         self.report.enter_memory("coefficients", field.memory());
         let is_cut_short = self.report.stop == "time-limit" || self.report.stop == "interrupted";
-        let lit = Lit { scene, bvh, regions, basis, field, kept, is_cut_short };
+        let lit = Lit { scene, bvh, regions, lights, basis, field, kept, is_cut_short };
         if self.report.stop == "no-light" {
             self.warn_about(&StopReason::NoLight);
         } else if !is_cut_short {
@@ -241,7 +245,7 @@ impl<'r> Run<'r> {
         let reporter = self.reporter;
         let measured = self.stage("error estimate", |_| {
             let points = random_surface_points(lit.scene, &lit.bvh, &lit.regions, ERROR_POINTS, seed);
-            let lights = DirectLight::new(lit.scene, DirectOptions { seed, ..DirectOptions::measurement() });
+            let lights = lit.lights.with_options(DirectOptions { seed, ..DirectOptions::measurement() });
             let direct = direct_irradiance(&lights, &lit.bvh, &points, Stage::Error, reporter)?;
             let gathered = (&Gathered::Doubtful(&|_| false), ERROR_RAYS);
             let found = indirect_light((lit, settings), &points, &direct, gathered, reporter)?;

@@ -7,7 +7,7 @@ use hplt_geom::{Camera, Image, OrientedPoint, Progress, Rgb};
 use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
 use hplt_sampling::random::Stage;
 use hplt_splat::{GBuffer, GBufferOptions, LayerValues, Patches, layers, radiance};
-use hplt_transport::{DirectLight, DirectOptions, direct_irradiance};
+use hplt_transport::{DirectOptions, direct_irradiance};
 
 use crate::exit::{Exit, Failure};
 use crate::indirect::{Gathered, indirect_light};
@@ -84,7 +84,7 @@ fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Prog
         sky_samples: (base.sky_samples / per_pixel).max(16),
         ..base
     };
-    let lights = DirectLight::new(lit.scene, options);
+    let lights = lit.lights.with_options(options);
     Ok(direct_irradiance(&lights, &lit.bvh, &queries, Stage::Shading, progress)?)
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use hplt_geom::{OrientedPoint, Progress, RegionId, Rgb};
 use hplt_io::{IrradianceRow, Limits, SensorPoint, read_points_csv, write_irradiance_csv, write_irradiance_rows};
 use hplt_sampling::random::Stage;
-use hplt_transport::{DirectLight, DirectOptions, direct_irradiance};
+use hplt_transport::{DirectOptions, direct_irradiance};
 
 use crate::args::PointsArgs;
 use crate::exit::{Exit, Failure};
@@ -126,11 +126,13 @@ fn light_at(
     }
     let transport = &run.settings.transport;
     let progress: &dyn Progress = run.reporter;
-    let options = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
+    let fine = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
+    let is_rough = final_gather.is_none() && lit.lights.n_emitters() <= FEW_EMITTERS;
+    let lights = lit.lights.with_options(match is_rough {
+        true => DirectOptions { light_samples: ROUGH_SHADOW_RAYS, ..fine },
+        false => fine,
+    });
     let direct = run.stage("direct light of points", |_| {
-        let lights = DirectLight::new(lit.scene, options);
-        let is_rough = final_gather.is_none() && lights.n_emitters() <= FEW_EMITTERS;
-        let lights = if is_rough { lights.with_light_samples(ROUGH_SHADOW_RAYS) } else { lights };
         direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
     })?;
     let found = run.stage("indirect light of points", |run| {

@@ -7,6 +7,7 @@ use hplt_geom::glam::Vec3;
 use hplt_geom::{Extent, LightGroups, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, Scene};
 use hplt_io::{Limits, Section, SectionData, SolutionFile, read_solution};
 use hplt_sampling::Regions;
+use hplt_transport::{DirectLight, DirectOptions};
 use serde_json::json;
 
 use crate::exit::{Exit, Failure};
@@ -81,12 +82,13 @@ pub fn light<'s>(run: &mut Run<'_>, scene: &'s mut Scene, path: &Path) -> Result
         enter_factors(run, groups.names(), &factors);
     }
     let scene: &'s Scene = scene;
+    let lights = run.stage("lights", |_| DirectLight::new(scene, DirectOptions::projection()));
     let basis = run.stage("basis", |_| ShepardBasis::build(points, BasisOptions::default()));
     let field = Field::from_levels([direct, indirect], variant, reconstruction);
     enter(run, &file, &basis, scene.frame().scale());
     run.report.enter_memory("points, trees, parents", basis.memory());
     run.report.enter_memory("coefficients", field.memory());
-    Ok(Lit { scene, bvh, regions, basis, field, kept: None, is_cut_short: false })
+    Ok(Lit { scene, bvh, regions, lights, basis, field, kept: None, is_cut_short: false })
 }
 
 /// Notes which lights a relit solution multiplies.

@@ -1,11 +1,10 @@
 //! Emissive triangles, and rectangles of two, as light sources.
 
-use std::collections::HashMap;
 use std::ops::Deref;
 
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::{area_kernel, cosine_pdf_solid_angle, luminance, polygon_form_factor};
-use hplt_geom::{LightGroupId, LightGroups, Material, OrientedPoint, Rgb, Scene, TriangleId};
+use hplt_geom::{LightGroupId, LightGroups, Material, OrientedPoint, Rgb, Scene, TriangleId, parallel};
 use hplt_sampling::warp::{self, SphericalRectangle, SphericalTriangle};
 
 use crate::light_tree::{Cut, LightTree};
@@ -339,33 +338,42 @@ pub(crate) fn choosing(sample: Vec2) -> f64 {
 }
 
 /// The same emitters, with every two triangles that make a rectangle of one light as one of them, in the place of the first.
-fn with_rectangles(all: Vec<Emitter>) -> Vec<Emitter> {
+fn with_rectangles(mut all: Vec<Emitter>) -> Vec<Emitter> {
     let bits = |p: Vec3| p.to_array().map(f32::to_bits);
-    let mut halves: HashMap<_, usize> = HashMap::new();
-    let mut joined: Vec<Emitter> = Vec::with_capacity(all.len());
-    for emitter in all {
-        let whole = emitter.uniform_exitance.zip(emitter.corners.right_angle()).and_then(|(exitance, [p, q, r])| {
+    let mut halves: Vec<_> = parallel::map(
+        all.len(),
+        || (),
+        |(), i| {
+            let Emitter { group, is_front, uniform_exitance, corners, .. } = &all[i];
+            let (exitance, [p, q, r]) = uniform_exitance.zip(corners.right_angle())?;
             let mut diagonal = [bits(p), bits(r)];
             diagonal.sort_unstable();
-            let key = (diagonal, bits(exitance), emitter.group, emitter.is_front);
-            let other = *halves.entry(key).or_insert(joined.len());
-            // Where the first half was the first with this diagonal, a third one finds it whole and stays alone.
-            let half = joined.get(other).filter(|half| !half.is_rectangle())?;
-            let [_, s, _] = half.corners.right_angle()?;
-            let is_opposite = (p + r - q).distance(s) <= SKEW * p.distance(r) && half.normal.dot(emitter.normal) > 0.0;
-            is_opposite.then_some((other, [p, q, r, s]))
-        });
-        match whole {
-            Some((other, corners)) => {
-                let other = &mut joined[other];
-                other.corners = Corners::rectangle(corners);
-                other.area += emitter.area;
-                other.power = (other.power + emitter.power).min(f32::MAX);
-            }
-            None => joined.push(emitter),
+            Some(((diagonal, bits(exitance), *group, *is_front), i, [p, q, r]))
+        },
+    )
+    .into_iter()
+    .flatten()
+    .collect();
+    halves.sort_unstable_by_key(|&(key, i, _)| (key, i));
+    let mut is_second = vec![false; all.len()];
+    for same in halves.chunk_by(|a, b| a.0 == b.0) {
+        // The first joins the next that is its other half; all others stay alone.
+        let Some((&(_, first, [_, s, _]), rest)) = same.split_first() else { continue };
+        let completes = |&&(_, i, [p, q, r]): &&(_, usize, [Vec3; 3])| {
+            (p + r - q).distance(s) <= SKEW * p.distance(r) && all[first].normal.dot(all[i].normal) > 0.0
+        };
+        if let Some(&(_, second, [p, q, r])) = rest.iter().find(completes) {
+            let Emitter { area, power, .. } = all[second];
+            is_second[second] = true;
+            let whole = &mut all[first];
+            whole.corners = Corners::rectangle([p, q, r, s]);
+            whole.area += area;
+            whole.power = (whole.power + power).min(f32::MAX);
         }
     }
-    joined
+    let mut is_second = is_second.into_iter();
+    all.retain(|_| !is_second.next().unwrap_or(false));
+    all
 }
 
 fn emitter(

@@ -94,7 +94,7 @@ impl DirectLight<'_> {
         sample: Vec2,
         events: &mut NextEvents,
     ) {
-        let chosen = self.emitters.at(point, 1, &mut events.guides).choose(choosing(sample));
+        let chosen = self.emitters().at(point, 1, &mut events.guides).choose(choosing(sample));
         let Some(Choice { emitter, probability, again }) = chosen else { return };
         let Aim { target, brings } =
             emitter.seen_from(point.position, point.normal).aim(self.scene, Vec2::new(again, sample.y));
@@ -109,8 +109,8 @@ impl DirectLight<'_> {
         sample: Vec2,
         events: &mut NextEvents,
     ) {
-        let (Some(environment), Some(group)) = (self.scene.environment(), self.groups.of_environment()) else { return };
-        let Some(sampler) = &self.sky else {
+        let (Some(environment), Some(group)) = (self.scene.environment(), self.groups().of_environment()) else { return };
+        let Some(sampler) = self.sky() else {
             let direction = warp::cosine_hemisphere(sample, point.normal);
             let brings = irradiance_from_uniform_radiance(environment.radiance(direction));
             return events.push(i, group, Ray::new(origin, direction), brings);
@@ -134,7 +134,7 @@ impl DirectLight<'_> {
         events: &mut NextEvents,
     ) {
         for (k, light) in self.scene.lights().iter().enumerate() {
-            let group = self.groups.of_light(k);
+            let group = self.groups().of_light(k);
             match light.shape {
                 LightShape::Point { position, intensity } => {
                     events.push(i, group, Ray::segment(origin, position), from_point(point, position, intensity));
@@ -179,10 +179,10 @@ impl DirectLight<'_> {
     /// What arrives along a cosine-distributed ray straight from a light, W/m²; `None` where that does not shine.
     pub(crate) fn seen(&self, ray: &Ray, hit: &Hit) -> Option<(LightGroupId, Rgb)> {
         if !hit.is_miss() {
-            let group = self.groups.of_material(self.scene.mesh().material(hit.triangle))?;
+            let group = self.groups().of_material(self.scene.mesh().material(hit.triangle))?;
             return Some((group, self.scene.exitance(&self.scene.surface_at(hit))));
         }
-        let group = self.groups.of_environment()?;
+        let group = self.groups().of_environment()?;
         self.scene.environment().map(|e| (group, irradiance_from_uniform_radiance(e.radiance(ray.direction))))
     }
 }

@@ -178,7 +178,7 @@ impl StageSeconds {
             load: answer.seconds_of("load"),
             bvh: answer.seconds_of("bvh"),
             hierarchy: answer.seconds_of("points") + answer.seconds_of("basis"),
-            direct: answer.seconds_of("direct light"),
+            direct: answer.seconds_of("lights") + answer.seconds_of("direct light"),
             transport: answer.seconds_of("bounces") + answer.seconds_of("links"),
         }
     }
