@@ -42,6 +42,10 @@ impl<'a> Candidates<'a> {
         Self { scene, caster, regions, sampler, seed, points: Vec::new(), extra: 0..0, n_drawn: 0, n_other: 0 }
     }
 
+    pub(crate) fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
     /// What casts the rays.
     pub(crate) fn caster(&self) -> &'a dyn RayCaster {
         self.caster

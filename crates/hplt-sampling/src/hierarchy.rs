@@ -153,7 +153,7 @@ fn throw_all(
             for batch in &batches {
                 progress.check()?;
                 let batch: Vec<u32> = batch.iter().copied().filter(is_needed).collect();
-                level.throw(points, &batch, |point| extent_of(caster, point, support));
+                level.throw(points, &batch, |point| extent_of((candidates.scene(), caster), point, support));
             }
             level.settle();
             progress.advance(STAGE, i as u64 + 1, cells.len() as u64);

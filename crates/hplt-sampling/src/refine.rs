@@ -53,7 +53,7 @@ pub fn refined_level(
         progress.advance(STAGE, start as u64, candidates.len() as u64);
         let end = (2 * start).max(1024).min(candidates.len());
         let batch: Vec<u32> = (start as u32..end as u32).collect();
-        new.throw(&candidates, &batch, |point| extent_of(caster, point, 2.0 * radius));
+        new.throw(&candidates, &batch, |point| extent_of((scene, caster), point, 2.0 * radius));
         start = end;
     }
     let mut points = new.into_points();

@@ -1,7 +1,7 @@
 //! Short visible paths between neighbouring points of a surface.
 
 use glam::Vec3;
-use hplt_geom::{Extent, OrientedPoint, Ray, RayCaster, offset_origin};
+use hplt_geom::{Extent, OrientedPoint, Ray, RayCaster, Scene, offset_origin};
 
 /// Twice the least distance, scene units, by which `offset_origin` lifts a point, and more: paths stay above that.
 const CLEARANCE: f32 = 3.0 / 65_536.0;
@@ -13,6 +13,12 @@ const FLAT: f32 = 0.02;
 /// How far sight lines go, in supports: beyond the corners of the polygon that they span.
 const SIGHT: f32 = 1.5;
 
+/// Surface that a sight line meets goes on from the point that it started at where the cosine between their normals is at least this:
+/// a vault bends, a wall ends the floor.
+const BEND: f32 = 0.5;
+/// Times that a sight line follows the surface up.
+const MAX_BENDS: u32 = 8;
+
 /// A position and the unit normal of the side that is meant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Oriented {
@@ -22,20 +28,53 @@ pub(crate) struct Oriented {
 
 /// The surface around a point that is its own as far as functions of support `support` can tell: ten rays. Those in the
 /// tangent plane start [`SIGHT_LIFT`] times the support above it, so that what is lower does not end the surface.
-pub(crate) fn extent_of(caster: &dyn RayCaster, point: &OrientedPoint, support: f32) -> Extent {
+pub(crate) fn extent_of((scene, caster): (&Scene, &dyn RayCaster), point: &OrientedPoint, support: f32) -> Extent {
     let half_free = |direction: Vec3| {
         let t = caster.nearest(Ray::new(offset_origin(point.position, direction), direction)).t;
         (0.5 * t).max(CLEARANCE)
     };
     let (below, above) = (half_free(-point.normal), half_free(point.normal));
     let lift = (SIGHT_LIFT * support).min(0.5 * above);
-    let origin = offset_origin(point.position, point.normal) + lift * point.normal;
-    let reach = SIGHT * support;
-    let inverse_depths = Extent::sector_directions(point.normal).map(|direction| {
-        let hit = caster.nearest(Ray { origin, direction, t_max: reach });
-        if hit.is_miss() { 0.0 } else { 1.0 / hit.t.max(CLEARANCE) }
+    let place = Oriented { position: point.position, normal: point.normal };
+    let line = SightLine { scene, caster, place, lift, reach: SIGHT * support };
+    let inverse_depths = Extent::sector_directions(point.normal).map(|direction| match line.depth(direction) {
+        Some(depth) => 1.0 / depth.max(CLEARANCE),
+        None => 0.0,
     });
     Extent { below, above, sight_height: lift, inverse_depths }
+}
+
+/// A line of sight close above the surface around `place`, which it follows where that bends up.
+struct SightLine<'a> {
+    scene: &'a Scene,
+    caster: &'a dyn RayCaster,
+    place: Oriented,
+    lift: f32,
+    reach: f32,
+}
+
+impl SightLine<'_> {
+    /// How far from the place, along a unit tangent, something ends the surface. `None` where nothing does within reach.
+    fn depth(&self, tangent: Vec3) -> Option<f32> {
+        let Self { scene, caster, place, lift, reach } = *self;
+        let (mut from, mut direction, mut depth) = (place, tangent, 0.0);
+        for _ in 0..=MAX_BENDS {
+            let origin = offset_origin(from.position, from.normal) + lift * from.normal;
+            let ahead = (reach - depth) / direction.dot(tangent);
+            let hit = caster.nearest(Ray { origin, direction, t_max: ahead });
+            if hit.is_miss() {
+                return None;
+            }
+            depth += hit.t * direction.dot(tangent);
+            let normal = scene.mesh().face_normal(hit.triangle) * if hit.is_front { 1.0 } else { -1.0 };
+            if normal.dot(place.normal) < BEND {
+                return Some(depth);
+            }
+            from = Oriented { position: scene.mesh().position_at(hit.triangle, hit.u, hit.v), normal };
+            direction = (tangent - tangent.dot(normal) * normal).normalize_or(tangent);
+        }
+        Some(depth)
+    }
 }
 
 /// The height of the free air above a point, along its unit normal, scene units: for
