@@ -132,9 +132,8 @@ fn light_at(
         true => DirectOptions { light_samples: ROUGH_SHADOW_RAYS, ..fine },
         false => fine,
     });
-    let direct = run.stage("direct light of points", |_| {
-        direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress)
-    })?;
+    let direct = run
+        .stage("direct light of points", |_| direct_irradiance(&lights, &lit.bvh, points, Stage::Shading, progress))?;
     let found = run.stage("indirect light of points", |run| {
         let in_air = |i: usize| !placed[i].is_on_surface;
         let gathered = match final_gather {

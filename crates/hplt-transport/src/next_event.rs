@@ -109,7 +109,9 @@ impl DirectLight<'_> {
         sample: Vec2,
         events: &mut NextEvents,
     ) {
-        let (Some(environment), Some(group)) = (self.scene.environment(), self.groups().of_environment()) else { return };
+        let (Some(environment), Some(group)) = (self.scene.environment(), self.groups().of_environment()) else {
+            return;
+        };
         let Some(sampler) = self.sky() else {
             let direction = warp::cosine_hemisphere(sample, point.normal);
             let brings = irradiance_from_uniform_radiance(environment.radiance(direction));
