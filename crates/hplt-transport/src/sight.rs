@@ -14,6 +14,8 @@ use crate::{Gradients, Model};
 
 /// Functions that answer at least, for their spread to mean anything.
 const LEAST_FUNCTIONS: usize = 3;
+/// Weight below which a function does not count as one of those.
+const LEAST_WEIGHT: f32 = 0.01;
 /// Functions that differ by less than this of their mean agree.
 const AGREEMENT: f32 = 0.03;
 /// Free height over a query, in supports of the functions there, below which they are too coarse for it: light in a slit changes
@@ -176,13 +178,15 @@ fn read_levels_in_sight(
         let (level, i) = basis.level_of(w.function);
         is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
     };
+    let are_enough =
+        |expansion: &[Weight]| expansion.iter().filter(|w| w.weight >= LEAST_WEIGHT).count() >= LEAST_FUNCTIONS;
     let first = expansion.iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
     if first.is_some_and(|w| query.extent.free_height() < SLIT * basis.support(basis.level_of(w.function).0)) {
         return guess(all);
     }
     let spread = spread_of(expansion, all, 1.0);
     // Where all agree, one that is in sight is as good as all.
-    if expansion.len() >= LEAST_FUNCTIONS && spread <= AGREEMENT * luminance(all) && first.is_some_and(sees) {
+    if are_enough(expansion) && spread <= AGREEMENT * luminance(all) && first.is_some_and(sees) {
         return Reading { irradiance: all, spread, noise: noise_of(expansion, 1.0) };
     }
     expansion.retain(sees);
@@ -191,7 +195,7 @@ fn read_levels_in_sight(
         return guess(all);
     }
     let irradiance = expansion.iter().map(|w| value(w) * w.weight).sum::<Rgb>() / share;
-    if share < LEAST_SHARE || expansion.len() < LEAST_FUNCTIONS {
+    if share < LEAST_SHARE || !are_enough(expansion) {
         return guess(irradiance);
     }
     Reading { irradiance, spread: spread_of(expansion, irradiance, share), noise: noise_of(expansion, share) }
