@@ -10,7 +10,7 @@ use hplt_splat::{GBuffer, flatten_absolute, flatten_delta, splat_absolute, splat
 use hplt_transport::{
     ErrorEstimate, ErrorProbe, FieldView, FinalGather, FinalGatherOptions, Gradients, LayeredInSight,
     LayeredNearestInSight, Model, ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error,
-    final_gather, read_in_sight, transport_absolute, transport_delta,
+    final_gather_more, read_in_sight, transport_absolute, transport_delta,
 };
 
 use crate::exit::Failure;
@@ -182,22 +182,23 @@ impl Field {
         either!(self, f => f.read(model, Part::Indirect, points))
     }
 
-    /// Indirect irradiance at points through one more gather.
+    /// Indirect irradiance through one more gather, or through more rays of it, at the points with these indices:
+    /// [`final_gather_more`].
     ///
     /// # Errors
     /// When interrupted.
     pub fn gather(
         &self,
-        model: &Model<'_>,
-        sender_levels: usize,
-        points: &[OrientedPoint],
+        (model, sender_levels): (&Model<'_>, usize),
+        points: (&[OrientedPoint], &[usize]),
+        found: &mut [FinalGather],
         options: FinalGatherOptions<'_>,
         progress: &dyn Progress,
-    ) -> Result<Vec<FinalGather>, Interrupted> {
+    ) -> Result<(), Interrupted> {
         either!(self, f => {
             let reconstruction = &*(f.sender)(model.caster, None);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
-            final_gather(model, &sender, points, options, progress)
+            final_gather_more(model, &sender, points, found, options, progress)
         })
     }
 

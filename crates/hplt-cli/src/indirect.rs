@@ -86,22 +86,19 @@ pub fn indirect_light(
     }
     let light = lit.lights.with_options(DirectOptions::one_sample());
     let seed = settings.transport.seed;
-    let gather = |points: &[OrientedPoint], n_rays| {
-        let options = FinalGatherOptions { n_rays, stage: Stage::FinalGather, seed, light: &light, contact: CONTACT };
-        lit.field.gather(&lit.model(), settings.transport.sender_levels, points, options, progress)
-    };
     let (least, share) = FIRST_TRY;
     let first_try = Some((n_rays / share).max(least)).filter(|&first| first < n_rays);
+    let mut found = vec![FinalGather::default(); points.len()];
     for n_rays in first_try.into_iter().chain([n_rays]) {
-        let receivers: Vec<OrientedPoint> = pending.iter().map(|&i| points[i]).collect();
-        let found = gather(&receivers, n_rays)?;
-        for (&i, found) in pending.iter().zip(&found) {
-            (irradiance[i], noise[i]) = (found.irradiance, luminance(found.noise));
+        let options = FinalGatherOptions { n_rays, stage: Stage::FinalGather, seed, light: &light, contact: CONTACT };
+        let how = (&lit.model(), settings.transport.sender_levels);
+        lit.field.gather(how, (points, &pending), &mut found, options, progress)?;
+        for &i in &pending {
+            (irradiance[i], noise[i]) = (found[i].irradiance, luminance(found[i].noise));
         }
         let scale = Scale::of(direct, &irradiance);
         let settled = if matches!(gathered, Gathered::All) { Settled::ALL } else { Settled::DOUBTFUL };
-        let noisy = pending.iter().zip(&found).filter(|(i, found)| !settled.by(found, &points[**i], scale.at(**i)));
-        pending = noisy.map(|(&i, _)| i).collect();
+        pending.retain(|&i| !settled.by(&found[i], &points[i], scale.at(i)));
     }
     Ok(Indirect { irradiance, noise, n_gathered })
 }
@@ -144,6 +141,7 @@ mod tests {
             irradiance: Rgb::splat(irradiance),
             noise: Rgb::splat(noise),
             escaped: 0,
+            n_rays: 256,
         };
         let point = |region| OrientedPoint::new(Vec3::ZERO, Vec3::Z, region);
         let by = |settled: Settled, found, region| settled.by(&found, &point(region), 2.0);

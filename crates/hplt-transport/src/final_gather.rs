@@ -10,7 +10,7 @@ use crate::{DirectLight, Model, Sender};
 pub const CONTACT: f32 = 0.25;
 
 /// Indirect irradiance read through one more gather.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FinalGather {
     /// Indirect irradiance, W/m².
     pub irradiance: Rgb,
@@ -19,6 +19,23 @@ pub struct FinalGather {
     pub noise: Rgb,
     /// Rays that left the scene.
     pub escaped: u32,
+    /// Rays that were traced.
+    pub n_rays: u32,
+}
+
+impl FinalGather {
+    /// What this and the other one, of other rays of the same point, found together.
+    fn joined(self, other: Self) -> Self {
+        let n_rays = self.n_rays + other.n_rays;
+        let share = |one: Self| one.n_rays as f32 / n_rays.max(1) as f32;
+        let (here, there) = (share(self) * self.noise, share(other) * other.noise);
+        Self {
+            irradiance: share(self) * self.irradiance + share(other) * other.irradiance,
+            noise: (here * here + there * there).map(f32::sqrt),
+            escaped: self.escaped + other.escaped,
+            n_rays,
+        }
+    }
 }
 
 /// The rays of a final gather.
@@ -50,7 +67,27 @@ pub fn final_gather<E>(
     options: FinalGatherOptions<'_>,
     progress: &dyn Progress,
 ) -> Result<Vec<FinalGather>, Interrupted> {
-    let counter = Counter::new(progress, "final gather", points.len());
+    let mut found = vec![FinalGather::default(); points.len()];
+    let all: Vec<usize> = (0..points.len()).collect();
+    final_gather_more(model, sender, (points, &all), &mut found, options, progress)?;
+    Ok(found)
+}
+
+/// Traces more rays at the points with these `indices`: `found` is what the first of their rays brought, as many at each of them, and
+/// becomes what all `options.n_rays` did. The same as [`final_gather`] with so many at once, but for rounding and for how the noise is estimated.
+///
+/// # Errors
+/// When interrupted; `found` is as it was then.
+pub fn final_gather_more<E>(
+    model: &Model<'_>,
+    sender: &Sender<'_, E>,
+    (points, indices): (&[OrientedPoint], &[usize]),
+    found: &mut [FinalGather],
+    options: FinalGatherOptions<'_>,
+    progress: &dyn Progress,
+) -> Result<(), Interrupted> {
+    let Some(before) = indices.first().map(|&i| found[i].n_rays) else { return Ok(()) };
+    let counter = Counter::new(progress, "final gather", indices.len());
     let n_levels = sender.n_levels.min(model.basis.n_levels());
     let tracer = PathTracer {
         scene: model.scene,
@@ -58,15 +95,19 @@ pub fn final_gather<E>(
         light: options.light,
         seed: options.seed,
         stage: options.stage,
-        n_rays: options.n_rays.max(GROUPS as u32),
+        rays: before..options.n_rays.max(GROUPS as u32),
         is_roulette: true,
         largest_support: if n_levels == 0 { 0.0 } else { model.basis.support(model.basis.coarsest_read(n_levels)) },
     };
     let gathering = Gathering { model, sender, contact: options.contact, n_levels, tracer };
-    parallel::try_map(points.len(), PathBuffers::default, |buffers, i| {
+    let more = parallel::try_map(indices.len(), PathBuffers::default, |buffers, k| {
         counter.step()?;
-        Ok(gathering.point(&points[i], i as u32, buffers))
-    })
+        let i = indices[k];
+        debug_assert_eq!(found[i].n_rays, before, "as many rays at each");
+        Ok(found[i].joined(gathering.point(&points[i], i as u32, buffers)))
+    })?;
+    indices.iter().zip(more).for_each(|(&i, joined)| found[i] = joined);
+    Ok(())
 }
 
 struct Gathering<'a, E> {
@@ -79,13 +120,14 @@ struct Gathering<'a, E> {
 
 impl<E> Gathering<'_, E> {
     fn point(&self, receiver: &OrientedPoint, id: u32, buffers: &mut PathBuffers) -> FinalGather {
+        let n_rays = self.tracer.rays.len() as u32;
         if receiver.region == RegionId::DARK {
-            return FinalGather { irradiance: Rgb::ZERO, noise: Rgb::ZERO, escaped: 0 };
+            return FinalGather { n_rays, ..FinalGather::default() };
         }
-        let mut sink = Sink { gathering: self, groups: Groups::new(self.tracer.n_rays) };
+        let mut sink = Sink { gathering: self, groups: Groups::new(n_rays) };
         let escaped = self.tracer.trace(receiver, id, buffers, &mut sink);
         let (irradiance, noise) = sink.groups.mean_and_noise();
-        FinalGather { irradiance, noise, escaped }
+        FinalGather { irradiance, noise, escaped, n_rays }
     }
 }
 

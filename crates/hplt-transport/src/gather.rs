@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec2};
@@ -52,13 +53,14 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
-    /// Traces `n_rays` cosine-distributed rays from `receiver`: hash-Owen-scrambled Sobol points, scrambled by receiver.
-    pub fn trace(&mut self, caster: &dyn RayCaster, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
+    /// Traces cosine-distributed rays from `receiver`, those numbers of its sequence: hash-Owen-scrambled Sobol points, scrambled by
+    /// receiver.
+    pub fn trace(&mut self, caster: &dyn RayCaster, receiver: &OrientedPoint, scramble: u32, numbers: Range<u32>) {
         let origin = offset_origin(receiver.position, receiver.normal);
         self.rays.clear();
         self.second.clear();
         let to_world = warp::orthonormal_basis(receiver.normal);
-        for k in 0..n_rays {
+        for k in numbers {
             let [a, b, c, d] = sobol::sobol_4d(k, scramble);
             self.rays.push(Ray::new(origin, warp::cosine_hemisphere_in(Vec2::new(a, b), &to_world)));
             self.second.push(Vec2::new(c, d));
@@ -91,7 +93,7 @@ struct Landing {
 impl Batch {
     /// Traces the rays of one more receiver.
     pub fn trace(&mut self, model: &Model<'_>, receiver: &OrientedPoint, scramble: u32, n_rays: u32) {
-        self.scratch.trace(model.caster, receiver, scramble, n_rays);
+        self.scratch.trace(model.caster, receiver, scramble, 0..n_rays);
         let mut gathered = Gathered::default();
         let mut row_sum = DVec3::ZERO;
         for (ray, hit) in self.scratch.hits.iter().enumerate() {

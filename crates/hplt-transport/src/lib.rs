@@ -51,7 +51,7 @@ pub use direct::{
 };
 pub use error::Error;
 pub use estimate::{ErrorEstimate, ErrorProbe, estimate_error};
-pub use final_gather::{CONTACT, FinalGather, FinalGatherOptions, final_gather};
+pub use final_gather::{CONTACT, FinalGather, FinalGatherOptions, final_gather, final_gather_more};
 pub use gather::Sender;
 pub use gradients::Gradients;
 pub use links::{LinkOptions, LinkPrecision, LinkReport, Linked, LinkedLevel, transport_links};

@@ -372,7 +372,7 @@ impl Linker<'_> {
             light: self.light,
             seed: self.options.seed,
             stage: Stage::Gather,
-            n_rays: self.options.n_rays,
+            rays: 0..self.options.n_rays,
             is_roulette: false,
             largest_support: self.basis.support(self.basis.coarsest_read(self.basis.n_levels())),
         };
@@ -408,7 +408,7 @@ impl Linker<'_> {
     fn row(&self, tracer: &PathTracer<'_>, receiver: &OrientedPoint, id: u32, scratch: &mut LinkScratch) -> Row {
         let LinkScratch { paths, row, expansion, layered } = scratch;
         row.begin(self.basis.hierarchy().n_points());
-        let groups = Groups::new(tracer.n_rays);
+        let groups = Groups::new(self.options.n_rays);
         let mut sink = RowSink {
             linker: self,
             row,
@@ -421,7 +421,7 @@ impl Linker<'_> {
         };
         let escaped = tracer.trace(receiver, id, paths, &mut sink);
         let RowSink { groups, first_bounce, by_group, coverage, .. } = sink;
-        let mean = |sum: DVec3| (sum / f64::from(tracer.n_rays)).as_vec3();
+        let mean = |sum: DVec3| (sum / f64::from(self.options.n_rays)).as_vec3();
         Row {
             links: scratch.row.finish(),
             first_bounce: mean(first_bounce),

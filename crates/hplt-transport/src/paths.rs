@@ -1,5 +1,7 @@
 //! The paths of one gather: from a receiver to where the field is read.
 
+use std::ops::Range;
+
 use glam::Vec2;
 use hplt_geom::{Extent, Hit, LightGroupId, OrientedPoint, Ray, RayCaster, Rgb, Scene, SurfacePoint, offset_origin};
 use hplt_sampling::random::{Stage, Stream, unit_f32};
@@ -23,8 +25,8 @@ pub(crate) struct PathTracer<'a> {
     pub light: &'a DirectLight<'a>,
     pub seed: u64,
     pub stage: Stage,
-    /// Rays per receiver.
-    pub n_rays: u32,
+    /// Which rays of the sequence of every receiver.
+    pub rays: Range<u32>,
     /// Whether paths that carry little end at random everywhere, the others standing for them, or only in slits: rows of links add up
     /// to albedos where none end.
     pub is_roulette: bool,
@@ -38,7 +40,7 @@ pub(crate) struct PathTracer<'a> {
 pub(crate) struct Arrival {
     /// As a query.
     pub point: OrientedPoint,
-    /// The ray of the receiver that began it.
+    /// The ray of the receiver that began it, counted from the first of this gather.
     pub ray: u32,
     /// Product of the albedos so far, here included.
     pub throughput: Rgb,
@@ -85,11 +87,11 @@ impl PathTracer<'_> {
     /// Traces the paths of the receiver with this `id` and returns how many of their first rays left the scene.
     pub fn trace(&self, receiver: &OrientedPoint, id: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) -> u32 {
         let scramble = scramble(self.seed, self.stage, id);
-        buffers.first.trace(self.caster, receiver, scramble, self.n_rays);
+        buffers.first.trace(self.caster, receiver, scramble, self.rays.clone());
         buffers.hits.clone_from(&buffers.first.hits);
         buffers.rays.clone_from(&buffers.first.rays);
         buffers.going_on.clear();
-        buffers.going_on.extend((0..self.n_rays).map(|k| (k, Rgb::ONE)));
+        buffers.going_on.extend((0..self.rays.len() as u32).map(|k| (k, Rgb::ONE)));
         for segment in 1..=MAX_SEGMENTS {
             self.arrive(receiver, segment, buffers);
             if buffers.at.is_empty() {
@@ -139,7 +141,7 @@ impl PathTracer<'_> {
         samples.extend(at.iter().map(|a| match segment {
             1 => first.second[a.ray as usize],
             _ => {
-                let [_, _, c, d] = stream.words(id, a.ray, segment - 1);
+                let [_, _, c, d] = stream.words(id, self.rays.start + a.ray, segment - 1);
                 Vec2::new(unit_f32(c), unit_f32(d))
             }
         }));
@@ -165,7 +167,7 @@ impl PathTracer<'_> {
         rays.clear();
         going_on.clear();
         sink.read(at, points, |arrival| {
-            let [a, b, ..] = stream.words(id, arrival.ray, segment);
+            let [a, b, ..] = stream.words(id, self.rays.start + arrival.ray, segment);
             let survival = self.survival(arrival);
             let (u, v) = (unit_f32(a), unit_f32(b));
             // The number that decides is uniform again for survivors.
