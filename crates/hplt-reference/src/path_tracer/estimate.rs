@@ -10,6 +10,12 @@ use super::walk::{Arrived, Rules};
 use crate::metrics::RELATIVE_FLOOR;
 use crate::{Error, parallel};
 
+/// Fewer paths than this that found light say little about how rare such paths are: a standard error of them, 0 above all, is not
+/// trusted before a point has had [`LOOKING`] paths.
+const TELLING: u64 = 64;
+/// Paths of a point that next to no light was found at.
+const LOOKING: u64 = 1 << 16;
+
 /// How paths find emitting surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Emission {
@@ -30,7 +36,7 @@ pub struct IrradianceOptions {
     /// Paths per replicate of every point; a power of two.
     pub samples_per_replicate: u32,
     /// Go on doubling the paths of a point until the standard error of its luminance is below this part of
-    /// `max(luminance, 1 % of the mean luminance of all points)`.
+    /// `max(luminance, 1 % of the mean luminance of all points)`, and as long as next to none of a few ten thousand has found light.
     pub target_relative_error: Option<f64>,
     /// With a target: at most this many paths per replicate.
     pub max_samples_per_replicate: u32,
@@ -207,7 +213,11 @@ impl PathTracer<'_> {
         options: &IrradianceOptions,
         progress: &dyn Progress,
     ) {
-        while point.luminance_standard_error() > target * point.luminance().max(floor)
+        let is_noisy = |point: &PointSums| {
+            point.luminance_standard_error() > target * point.luminance().max(floor)
+                || point.n_lit < TELLING && point.n_samples() < LOOKING
+        };
+        while is_noisy(point)
             && point.n.saturating_mul(2) <= options.max_samples_per_replicate
             && !progress.is_cancelled()
         {
@@ -225,6 +235,7 @@ impl PathTracer<'_> {
                 sum.direct += arrived.direct;
                 sum.indirect += arrived.indirect;
                 sum.n_rays += arrived.n_rays;
+                point.n_lit += u64::from(arrived.direct + arrived.indirect != DVec3::ZERO);
             }
             point.sums[replicate] = sum;
         }
@@ -302,12 +313,18 @@ struct PointSums {
     start: Vertex,
     index: usize,
     n: u32,
+    /// Paths that found light.
+    n_lit: u64,
     sums: Vec<Arrived>,
 }
 
 impl PointSums {
     fn new(start: Vertex, index: usize, replicates: u32) -> Self {
-        Self { start, index, n: 0, sums: vec![Arrived::default(); replicates as usize] }
+        Self { start, index, n: 0, n_lit: 0, sums: vec![Arrived::default(); replicates as usize] }
+    }
+
+    fn n_samples(&self) -> u64 {
+        u64::from(self.n) * self.sums.len() as u64
     }
 
     fn means(&self, part: impl Fn(&Arrived) -> DVec3) -> Vec<DVec3> {
@@ -334,7 +351,7 @@ impl PointSums {
             indirect_standard_error,
             total_standard_error,
             luminance_standard_error: self.luminance_standard_error(),
-            n_samples: u64::from(self.n) * self.sums.len() as u64,
+            n_samples: self.n_samples(),
             n_rays: self.sums.iter().map(|sum| sum.n_rays).sum(),
         }
     }

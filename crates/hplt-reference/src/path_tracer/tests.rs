@@ -9,7 +9,7 @@ use hplt_geom::{
 
 use super::{Emission, IrradianceEstimate, IrradianceOptions, PathTracer, RenderOptions};
 use crate::closed_forms;
-use crate::scenes;
+use crate::scenes::{self, Shape};
 use crate::statistics::{Equivalence, MeanEstimate, Outcome, equivalence, mean_of_replicates};
 
 /// Estimates at world-space points.
@@ -520,6 +520,27 @@ fn a_target_error_is_reached() {
         // The two coplanar block bottoms hide some points: they are black and done at once.
         assert!(e.luminance_standard_error <= 0.01 * luminance || luminance < 0.2, "{e:?}");
     }
+}
+
+/// Paths that find light once in ten thousand: the first few hundred all find none, which is no proof that there is none.
+#[test]
+fn no_light_among_few_paths_is_not_taken_for_darkness() {
+    let mut builder = SceneBuilder::new();
+    let black = builder.push_material(Material::diffuse("black", Rgb::ZERO));
+    let lamp = builder.push_material(Material::emitter("lamp", Rgb::ZERO, Rgb::ONE));
+    let corners = |h: f64, y: f64| [(-h, -h), (h, -h), (h, h), (-h, h)].map(|(x, z)| DVec3::new(x, y, z));
+    Shape::new().quad(corners(0.009, 1.0)).push_into(&mut builder, "lamp", lamp);
+    let mut floor = corners(1.0, 0.0);
+    floor.reverse();
+    Shape::new().quad(floor).push_into(&mut builder, "floor", black);
+    let scene = scenes::build(builder);
+    let points: Vec<_> = (0..12).map(|i| (DVec3::new(0.01 * f64::from(i), 0.0, 0.0), DVec3::Y)).collect();
+    let options = IrradianceOptions { target_relative_error: Some(0.5), ..hit(16) };
+    let found = estimate(&scene, &points, &options);
+    assert!(found.iter().all(|e| e.n_samples >= 1 << 16), "{found:?}");
+    let mean = found.iter().map(|e| e.total().x).sum::<f64>() / 12.0;
+    let expected = 0.018 * 0.018 / PI;
+    assert!((mean / expected - 1.0).abs() < 0.4, "{mean} against {expected}");
 }
 
 #[test]
