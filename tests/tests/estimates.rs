@@ -45,7 +45,7 @@ fn trusted_points(prepared: &Prepared, linked: &Linked, n: usize, seed: u64) -> 
     points
 }
 
-fn judged_by_itself(prepared: &Prepared, linked: &Linked, (n, n_rays, seed): (usize, u32, u64)) -> ErrorEstimate {
+fn judged_by_itself(prepared: &Prepared, linked: &Linked, (n, n_rays, seed): (usize, [u32; 2], u64)) -> ErrorEstimate {
     let points = trusted_points(prepared, linked, n, seed);
     let (direct, indirect, noise) = read(prepared, linked, &points, seed);
     let model = Model { basis: &linked.basis, ..prepared.model() };
@@ -88,7 +88,7 @@ fn the_bound_holds_in_95_of_100_seeds() {
         (setup.direct.seed, setup.transport.seed) = (seed, seed);
         let prepared = Prepared::new(scene.clone(), setup);
         let linked = prepared.link(&LinkOptions { seed, n_rays: 64, n_levels: 1, ..LinkOptions::production() });
-        let estimate = judged_by_itself(&prepared, &linked, (128, 256, seed));
+        let estimate = judged_by_itself(&prepared, &linked, (128, [256; 2], seed));
         let points = trusted_points(&prepared, &linked, 128, 1000 + seed);
         let error = judged_by_truth(&prepared, &linked, (&points, seed), |i| {
             let on =
@@ -112,7 +112,7 @@ fn an_estimate_tells_rays_from_functions() {
     let estimate = |radius: f64, n_rays: u32| {
         let prepared = Prepared::new(manufactured::scene(), Setup { radius, ..hemisphere(1, 64, 1e-3) });
         let linked = prepared.link(&LinkOptions { n_rays, n_levels: 1, ..LinkOptions::production() });
-        judged_by_itself(&prepared, &linked, (400, 2048, 1))
+        judged_by_itself(&prepared, &linked, (400, [2048; 2], 1))
     };
     let (few, many, fine) = (estimate(0.4, 64), estimate(0.4, 1024), estimate(0.15, 1024));
     for e in [few, many, fine] {
@@ -129,7 +129,12 @@ fn the_estimate_is_near_the_error_in_the_cornell_box() {
     let setup = Setup { n_levels: 1, ..Setup::default() };
     let prepared = Prepared::new(scenes::build(scenes::cornell_box()), setup);
     let linked = prepared.link(&LinkOptions { n_levels: 3, ..LinkOptions::preview() });
-    let estimate = judged_by_itself(&prepared, &linked, (400, 1024, 1));
+    let estimate = judged_by_itself(&prepared, &linked, (400, [1024; 2], 1));
+    // Too few rays to tell the error from their own noise grow until they are enough.
+    let grown = judged_by_itself(&prepared, &linked, (400, [16, 4096], 1));
+    println!("with {} rays {:.4}, noise {:.4}", grown.n_rays, grown.mean, grown.noise);
+    assert!((32..4096).contains(&grown.n_rays) && grown.noise < 0.6 * grown.mean, "{grown:?}");
+    assert!((grown.mean / estimate.mean - 1.0).abs() < 0.2, "{} {}", grown.mean, estimate.mean);
     let points = trusted_points(&prepared, &linked, 400, 2);
     let places: Vec<_> = points.iter().map(|p| (p.position, p.normal)).collect();
     let options = IrradianceOptions { seed: 5, samples_per_replicate: 512, ..IrradianceOptions::preview() };

@@ -281,11 +281,11 @@ pub struct PointsArgs {
     /// Table to write [default: -, which is stdout]
     #[arg(short, long, value_name = "FILE.csv|-")]
     pub out: Option<PathBuf>,
-    /// Rays of a final gather per point, a power of two from 8 to 65536; without it surfaces are interpolated
+    /// Rays of a final gather per point, a multiple of 8 up to 65536, best a power of two; without it surfaces are interpolated
     #[arg(long, value_name = "N")]
     pub final_gather: Option<u32>,
     /// Rays, at most, of points where interpolation cannot be trusted, a power of two; 0: interpolate there too
-    #[arg(long, value_name = "N", default_value_t = 1024)]
+    #[arg(long, value_name = "N", default_value_t = crate::indirect::DOUBTFUL_RAYS)]
     pub doubtful_rays: u32,
     /// Distance within which a point is put onto a surface: a fraction of the scene's diagonal
     #[arg(long, value_name = "FRACTION", default_value = "0.1%")]

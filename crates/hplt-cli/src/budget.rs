@@ -6,7 +6,7 @@ use hplt_transport::{LinkOptions, Threshold};
 
 use crate::args::Common;
 use crate::exit::Failure;
-use crate::job::{ERROR_POINTS, ERROR_RAYS, LinkParts, Lit, Run};
+use crate::job::{GatherRecord, LinkParts, Lit, Run};
 use crate::sections::{SolveSection, Variant};
 use crate::values::{Fraction, Seconds};
 
@@ -41,6 +41,8 @@ const RUNGS: [Rung; 7] = [
 ];
 /// The next attempt takes about so many times as long.
 const GROWTH: f64 = 3.5;
+/// By so much every attempt is better than the one before.
+const PROGRESS: f64 = 1.5;
 /// A field this many times worse than what is asked for is good enough for a gather to read.
 const SECOND_ORDER: f64 = 8.0;
 /// Rays of a gather.
@@ -103,12 +105,10 @@ impl Budget {
 struct Attempt {
     /// Mean relative error of the field.
     error: f64,
-    /// Mean relative standard error of a gather of [`ERROR_RAYS`].
-    noise: f64,
+    /// How points are gathered.
+    gathers: GatherRecord,
     /// What it took.
     seconds: f64,
-    /// Gather rays per second.
-    rays_per_second: f64,
     /// Seconds since the start of the run.
     now: f64,
     is_last: bool,
@@ -119,23 +119,26 @@ impl Attempt {
     fn expected(&self, reading: Reading) -> f64 {
         match reading {
             Reading::Interpolated => self.error,
-            Reading::Gathered(n_rays) => {
-                (self.noise * (f64::from(ERROR_RAYS) / f64::from(n_rays)).sqrt()).hypot(self.error / SECOND_ORDER)
-            }
+            Reading::Gathered(n_rays) => self.noise_of(n_rays).hypot(self.error / SECOND_ORDER),
         }
     }
 
+    fn noise_of(&self, n_rays: u32) -> f64 {
+        self.gathers.noise_of_one_ray / f64::from(n_rays).sqrt()
+    }
+
     fn gather_seconds(&self, n_receivers: usize, n_rays: u32) -> f64 {
-        n_receivers as f64 * f64::from(n_rays) / self.rays_per_second
+        n_receivers as f64 * f64::from(n_rays) / self.gathers.rays_per_second
     }
 
     /// How to read `n_receivers` points if this is to be the last attempt; `None` when the next one is to be made.
     fn choose(&self, budget: &Budget, n_receivers: usize) -> Option<Reading> {
         let next = GROWTH * self.seconds;
         let left = budget.time.map_or(f64::INFINITY, |t| t.0 - self.now);
+        // Powers of two and their middles.
         let gathers = || {
-            let powers = GATHER_RAYS.start().ilog2()..=GATHER_RAYS.end().ilog2();
-            powers.map(|k| 1u32 << k).filter(|_| n_receivers > 0)
+            let halves = 2 * GATHER_RAYS.start().ilog2()..=2 * GATHER_RAYS.end().ilog2();
+            halves.map(|k| (2 + k % 2) << (k / 2) >> 1).filter(|_| n_receivers > 0)
         };
         if let Some(Fraction(error)) = budget.error {
             if self.error <= error {
@@ -143,7 +146,11 @@ impl Attempt {
             }
             let enough = gathers().find(|&n| self.expected(Reading::Gathered(n)) <= error);
             let seconds = |n: u32| self.gather_seconds(n_receivers, n);
-            if let Some(n) = enough.filter(|&n| seconds(n) <= left && (seconds(n) <= next || self.is_last)) {
+            // After the next attempt points are interpolated, or at least gathered with fewer rays.
+            let fewest = gathers().find(|&n| self.noise_of(n) <= error);
+            let gather_later = if self.error <= PROGRESS * error { 0.0 } else { fewest.map_or(f64::INFINITY, seconds) };
+            let is_worth_it = |&n: &u32| seconds(n) <= left && (seconds(n) <= next + gather_later || self.is_last);
+            if let Some(n) = enough.filter(is_worth_it) {
                 return Some(Reading::Gathered(n));
             }
         }
@@ -170,18 +177,11 @@ impl Run<'_> {
             self.report.left_out.truncate(n_left_out);
             let lit = self.link(parts, rung.options(self.settings.links()))?;
             let now = self.reporter.now();
-            let Some(error) = self.report.error.filter(|_| !lit.is_cut_short) else {
+            let Some((error, gathers)) = self.report.error.zip(self.gathers).filter(|_| !lit.is_cut_short) else {
                 return Ok(lit);
             };
-            let attempt = Attempt {
-                error: error.mean,
-                noise: error.noise,
-                seconds: now - begin,
-                rays_per_second: ERROR_POINTS as f64 * f64::from(ERROR_RAYS)
-                    / self.report.last_time_of("error estimate"),
-                now,
-                is_last: k + 1 == RUNGS.len(),
-            };
+            let attempt =
+                Attempt { error: error.mean, gathers, seconds: now - begin, now, is_last: k + 1 == RUNGS.len() };
             if let Some(reading) = attempt.choose(&self.budget, self.n_receivers) {
                 self.enter_reading(attempt.expected(reading), reading);
                 return Ok(lit);
@@ -226,8 +226,13 @@ impl Rung {
 mod tests {
     use super::*;
 
-    const ATTEMPT: Attempt =
-        Attempt { error: 0.04, noise: 0.008, seconds: 1.0, rays_per_second: 1e6, now: 1.0, is_last: false };
+    const ATTEMPT: Attempt = Attempt {
+        error: 0.04,
+        gathers: GatherRecord { rays_per_second: 1e6, noise_of_one_ray: 0.256 },
+        seconds: 1.0,
+        now: 1.0,
+        is_last: false,
+    };
 
     fn budget(error: Option<f64>, time: Option<f64>) -> Budget {
         Budget { error: error.map(Fraction), time: time.map(Seconds) }
@@ -242,7 +247,9 @@ mod tests {
     fn few_points_are_gathered_and_many_wait_for_a_better_field() {
         let asked = budget(Some(0.01), None);
         let Some(Reading::Gathered(n)) = ATTEMPT.choose(&asked, 100) else { panic!("not gathered") };
-        assert!(ATTEMPT.expected(Reading::Gathered(n)) <= 0.01 && ATTEMPT.expected(Reading::Gathered(n / 2)) > 0.01);
+        assert!(
+            ATTEMPT.expected(Reading::Gathered(n)) <= 0.01 && ATTEMPT.expected(Reading::Gathered(n / 4 * 3)) > 0.01
+        );
         assert_eq!(ATTEMPT.choose(&asked, 1_000_000), None);
         // A field this bad is no sender, and without receivers there is nothing to gather.
         assert_eq!(Attempt { error: 0.2, ..ATTEMPT }.choose(&asked, 100), None);
@@ -254,7 +261,7 @@ mod tests {
         assert_eq!(ATTEMPT.choose(&budget(None, Some(10.0)), 100), None);
         let Some(Reading::Gathered(n)) = ATTEMPT.choose(&budget(None, Some(3.0)), 100) else { panic!("not gathered") };
         let seconds = ATTEMPT.gather_seconds(100, n);
-        assert!(seconds <= 2.0 && 2.0 * seconds > 2.0, "{n}");
+        assert!(seconds <= 2.0 && 1.5 * seconds > 2.0, "{n}");
         // No time for a gather that would be better than the field.
         assert_eq!(ATTEMPT.choose(&budget(None, Some(1.01)), 1000), Some(Reading::Interpolated));
         let last = Attempt { is_last: true, ..ATTEMPT };

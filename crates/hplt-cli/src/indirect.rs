@@ -8,6 +8,8 @@ use hplt_transport::{CONTACT, DirectOptions, FinalGather, FinalGatherOptions, Re
 use crate::job::Lit;
 use crate::settings::Settings;
 
+/// Rays, at most, of points where interpolation cannot be trusted, unless another number is asked for.
+pub const DOUBTFUL_RAYS: u32 = 1024;
 /// Spread of the functions over the total irradiance, above which a point is gathered. What interpolation gets badly wrong,
 /// leaks and small hollows, is far above.
 const DOUBT: f32 = 0.3;

@@ -1,7 +1,7 @@
 //! The stages that light a scene, in order.
 
 use hplt_basis::{BasisOptions, ShepardBasis};
-use hplt_geom::{Bvh, BvhOptions, Extent, OrientedPoint, PointHierarchy, Progress, Scene};
+use hplt_geom::{Bvh, BvhOptions, Extent, Interrupted, OrientedPoint, PointHierarchy, Progress, Scene};
 use hplt_sampling::random::Stage;
 use hplt_sampling::{HierarchyOptions, Regions, free_height, poisson_hierarchy, random_surface_points};
 use hplt_transport::{
@@ -13,7 +13,7 @@ use crate::budget::{Budget, Reading};
 use crate::estimate::Estimate;
 use crate::exit::{Exit, Failure};
 use crate::field::Field;
-use crate::indirect::{Gathered, indirect_light};
+use crate::indirect::{DOUBTFUL_RAYS, Gathered, indirect_light};
 use crate::kept::{Keep, Kept};
 use crate::load::LoadedScene;
 use crate::progress::Reporter;
@@ -24,9 +24,9 @@ use crate::settings::Settings;
 use crate::values::{Radius, human_bytes};
 
 /// Points at which the error is measured.
-pub const ERROR_POINTS: usize = 256;
-/// Rays of each.
-pub const ERROR_RAYS: u32 = 1024;
+const ERROR_POINTS: usize = 256;
+/// Rays of each, at first and at most.
+const ERROR_RAYS: [u32; 2] = [512, 2048];
 /// Share of the surface that may be out of reach of all functions on the coarsest level of links: their rays go on from there.
 const UNCOVERED_BY_LINKS: f64 = 0.03;
 
@@ -95,8 +95,19 @@ pub struct Run<'r> {
     pub n_receivers: usize,
     /// How to read them so that the budget is kept.
     pub reading: Reading,
+    /// How fast points are gathered and how noisily, once the error has been measured.
+    pub gathers: Option<GatherRecord>,
     /// What is known about the run so far.
     pub report: RunReport,
+}
+
+/// What the gathers of an error estimate took and gave.
+#[derive(Debug, Clone, Copy)]
+pub struct GatherRecord {
+    /// Rays per second, points that no light gets to included.
+    pub rays_per_second: f64,
+    /// Mean relative standard error, were there one ray a point.
+    pub noise_of_one_ray: f64,
 }
 
 impl<'r> Run<'r> {
@@ -115,6 +126,7 @@ impl<'r> Run<'r> {
             budget: Budget::default(),
             n_receivers: 0,
             reading: Reading::Interpolated,
+            gathers: None,
             report,
         }
     }
@@ -247,7 +259,7 @@ impl<'r> Run<'r> {
             let points = random_surface_points(lit.scene, &lit.bvh, &lit.regions, ERROR_POINTS, seed);
             let lights = lit.lights.with_options(DirectOptions { seed, ..DirectOptions::measurement() });
             let direct = direct_irradiance(&lights, &lit.bvh, &points, Stage::Error, reporter)?;
-            let gathered = (&Gathered::Doubtful(&|_| false), ERROR_RAYS);
+            let gathered = (&Gathered::Doubtful(&|_| false), DOUBTFUL_RAYS);
             let found = indirect_light((lit, settings), &points, &direct, gathered, reporter)?;
             let probe = ErrorProbe {
                 points: &points,
@@ -258,10 +270,19 @@ impl<'r> Run<'r> {
                 indirect: &found.irradiance,
                 noise: &found.noise,
             };
-            lit.field.error(&lit.model(), settings.transport.sender_levels, probe, reporter)
+            let start = reporter.now();
+            let error = lit.field.error(&lit.model(), settings.transport.sender_levels, probe, reporter)?;
+            Ok::<_, Interrupted>((error, reporter.now() - start))
         });
         match measured {
-            Ok(error) => self.report.error = (error.n_points > 0).then(|| error.into()),
+            Ok((error, seconds)) => {
+                let rays = f64::from(error.n_rays);
+                self.gathers = Some(GatherRecord {
+                    rays_per_second: error.n_points as f64 * rays / seconds.max(1e-6),
+                    noise_of_one_ray: error.noise * rays.sqrt(),
+                });
+                self.report.error = (error.n_points > 0).then(|| error.into());
+            }
             Err(_) => self.report.warnings.push("stopped before the error was measured".into()),
         }
         Ok(())

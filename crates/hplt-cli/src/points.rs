@@ -15,7 +15,7 @@ use crate::outputs::{check_outputs, to_stdout};
 use crate::render::inputs;
 use crate::sections::RenderSection;
 use crate::session::{Ended, session};
-use crate::settings::{doubtful_rays, power_of_two};
+use crate::settings::{doubtful_rays, multiple_of_eight};
 use crate::snap::{Placed, place};
 use crate::solution;
 
@@ -27,7 +27,7 @@ const RAYS_IN_AIR: u32 = 1024;
 /// # Errors
 /// With what stopped it.
 pub fn run(args: &PointsArgs) -> Result<Ended, Failure> {
-    power_of_two("--final-gather", args.final_gather)?;
+    multiple_of_eight("--final-gather", args.final_gather)?;
     doubtful_rays(Some(args.doubtful_rays))?;
     args.budget.check(&args.common, args.solution.is_some() || args.final_gather.is_some())?;
     let out = file_output(args.out.as_deref(), args.common.output.json)?;

@@ -139,6 +139,8 @@ pub struct ErrorRow {
     pub noise: f64,
     /// Points.
     pub points: usize,
+    /// Rays of each, as many as it took to tell the error from their noise.
+    pub rays: u32,
 }
 
 /// Memory of one part.
@@ -167,8 +169,8 @@ impl From<&BounceReport> for BounceRow {
 
 impl From<ErrorEstimate> for ErrorRow {
     fn from(e: ErrorEstimate) -> Self {
-        let ErrorEstimate { mean, from_rays, from_functions, bound, p95, noise, n_points } = e;
-        Self { mean, from_rays, from_functions, bound, p95, noise, points: n_points }
+        let ErrorEstimate { mean, from_rays, from_functions, bound, p95, noise, n_points, n_rays } = e;
+        Self { mean, from_rays, from_functions, bound, p95, noise, points: n_points, rays: n_rays }
     }
 }
 
@@ -232,11 +234,6 @@ impl RunReport {
     pub fn enter_memory(&mut self, part: &'static str, bytes: usize) {
         self.memory.retain(|known| known.part != part);
         self.memory.push(MemoryPart { part, bytes: bytes as u64 });
-    }
-
-    /// Seconds that a stage took the last time; above 0.
-    pub fn last_time_of(&self, stage: &str) -> f64 {
-        self.stages.iter().rev().find(|s| s.stage == stage).map_or(1.0, |s| s.seconds).max(1e-6)
     }
 
     fn time_of(&self, stage: &str) -> f64 {

@@ -303,6 +303,16 @@ pub fn power_of_two(flag: &str, value: Option<u32>) -> Result<(), Failure> {
     }
 }
 
+/// Whole groups of eight, which tell the noise.
+pub fn multiple_of_eight(flag: &str, value: Option<u32>) -> Result<(), Failure> {
+    match value {
+        Some(n) if !n.is_multiple_of(8) || !(8..=65_536).contains(&n) => {
+            Err(Failure::usage(format!("{flag} {n}; expected a multiple of 8 from 8 to 65536")))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// A power of two too, or 0 for none.
 pub fn doubtful_rays(value: Option<u32>) -> Result<(), Failure> {
     power_of_two("--doubtful-rays", value.filter(|&n| n > 0))

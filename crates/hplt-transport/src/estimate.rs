@@ -2,8 +2,10 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{CONTACT, DirectLight, FinalGatherOptions, Model, Sender, final_gather};
+use crate::{CONTACT, DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_gather_more};
 
+/// What the noise of the gathers may be of what is measured with them.
+const TELLING: f64 = 0.5;
 /// The 99th percentile of the normal distribution.
 const NORMAL_99: f64 = 2.326;
 
@@ -11,7 +13,8 @@ const NORMAL_99: f64 = 2.326;
 /// luminance, with a floor of 1 % of the mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorEstimate {
-    /// Mean over the points of `|found - gathered| / total`, the noise of the gather taken out in the square.
+    /// Mean over the points of `|found - gathered| / total`, the noise of the gather taken out in the square; not less than the
+    /// standard error of that mean, below which nothing can be told.
     pub mean: f64,
     /// What of `mean` the noise that is known of what was found explains: rays of functions, and of points that were gathered. At most,
     /// as that noise is an overestimate.
@@ -28,6 +31,8 @@ pub struct ErrorEstimate {
     pub noise: f64,
     /// How many points.
     pub n_points: usize,
+    /// Rays of each.
+    pub n_rays: u32,
 }
 
 /// Where and how the error is measured.
@@ -39,8 +44,9 @@ pub struct ErrorProbe<'a> {
     pub direct: &'a [Rgb],
     /// Sampled where the rays land.
     pub light: &'a DirectLight<'a>,
-    /// Fresh rays per point; a power of two, at least 16. Two independent halves are gathered, which tells their noise.
-    pub n_rays: u32,
+    /// Fresh rays per point, at first and at most; powers of two, at least 16. Two independent halves are gathered, which tells their
+    /// noise, and more while that is above half of what is measured.
+    pub n_rays: [u32; 2],
     /// Seed of the rays.
     pub seed: u64,
     /// The indirect irradiance that is judged, at each point, W/m².
@@ -62,11 +68,28 @@ pub fn estimate_error<E>(
     probe: ErrorProbe<'_>,
     progress: &dyn Progress,
 ) -> Result<ErrorEstimate, Interrupted> {
-    let ErrorProbe { points, direct, light, n_rays, seed, .. } = probe;
-    let options = FinalGatherOptions { n_rays, stage: Stage::Error, seed, light, contact: CONTACT };
+    let ErrorProbe { points, light, seed, n_rays: [mut n_rays, most], .. } = probe;
     let twice = [points, points].concat();
-    let halves = final_gather(model, sender, &twice, FinalGatherOptions { n_rays: n_rays / 2, ..options }, progress)?;
-    let (some, others) = halves.split_at(points.len());
+    let all: Vec<usize> = (0..twice.len()).collect();
+    let mut halves = vec![FinalGather::default(); twice.len()];
+    loop {
+        let options = FinalGatherOptions { n_rays: n_rays / 2, stage: Stage::Error, seed, light, contact: CONTACT };
+        final_gather_more(model, sender, (&twice, &all), &mut halves, options, progress)?;
+        let (estimate, measured) = judge(&probe, halves.split_at(points.len()), n_rays);
+        if estimate.noise <= TELLING * measured || 2 * n_rays > most {
+            return Ok(estimate);
+        }
+        n_rays *= 2;
+    }
+}
+
+/// The estimate by two halves of `n_rays` at every point, and the mean that was measured, noise included.
+fn judge(
+    probe: &ErrorProbe<'_>,
+    (some, others): (&[FinalGather], &[FinalGather]),
+    n_rays: u32,
+) -> (ErrorEstimate, f64) {
+    let ErrorProbe { points, direct, .. } = *probe;
     let fresh: Vec<Rgb> = some.iter().zip(others).map(|(a, b)| 0.5 * (a.irradiance + b.irradiance)).collect();
     let total: Vec<f64> = fresh.iter().zip(direct).map(|(g, d)| f64::from(luminance(*g) + luminance(*d))).collect();
     let n = points.len().max(1) as f64;
@@ -77,25 +100,31 @@ pub fn estimate_error<E>(
     // Half the difference of two halves is as large on average as the error of their mean.
     let half = |i: usize| 0.5 * (luminance(some[i].irradiance) - luminance(others[i].irradiance)).abs();
     let noise = (0..points.len()).map(|i| relative(half(i), i)).sum::<f64>() / n;
-    let measured = errors.iter().sum::<f64>() / n;
+    let (measured, standard_error) = mean_and_error(&errors);
     let common = common_error(probe.indirect, &fresh, direct, n);
     let bound = upper_end(&errors) + common;
     errors.sort_by(f64::total_cmp);
     let p95 = errors.get((errors.len() * 95) / 100).copied().unwrap_or(0.0);
-    let mean = (measured * measured - noise * noise).max(0.0).sqrt();
+    let mean = (measured * measured - noise * noise).max(standard_error * standard_error).sqrt();
     // The mean of what is normally distributed is less than its standard deviation.
     let known = probe.noise.iter().enumerate().map(|(i, &noise)| relative(noise, i)).sum::<f64>() / n;
     let from_rays = (known * (2.0 / std::f64::consts::PI).sqrt()).min(mean);
     let from_functions = (mean * mean - from_rays * from_rays).sqrt();
-    Ok(ErrorEstimate { mean, from_rays, from_functions, bound, p95, noise, n_points: points.len() })
+    let n_points = points.len();
+    (ErrorEstimate { mean, from_rays, from_functions, bound, p95, noise, n_points, n_rays }, measured)
+}
+
+fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    (mean, (squares / (n * (n - 1.0).max(1.0))).sqrt())
 }
 
 /// The upper end of the one-sided interval of 99 % about the mean of `values`.
 fn upper_end(values: &[f64]) -> f64 {
-    let n = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    mean + NORMAL_99 * (squares / (n * (n - 1.0).max(1.0))).sqrt()
+    let (mean, standard_error) = mean_and_error(values);
+    mean + NORMAL_99 * standard_error
 }
 
 /// The relative error that all points may have in common beyond what the gathers show. An error `e` of the whole field changes what

@@ -41,7 +41,7 @@ impl FinalGather {
 /// The rays of a final gather.
 #[derive(Debug, Clone, Copy)]
 pub struct FinalGatherOptions<'a> {
-    /// Rays per point; a power of two, at least 8.
+    /// Rays per point; at least 8, best a power of two.
     pub n_rays: u32,
     /// With the seed it selects the rays: [`Stage::Error`] gives rays that no solver stage has used.
     pub stage: Stage,

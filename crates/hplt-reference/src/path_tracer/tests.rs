@@ -274,7 +274,7 @@ fn a_closed_cornell_box_absorbs_what_it_emits() {
 fn lit_cube(width: f64, flux: f64, albedo: f32) -> Scene {
     let mut builder = SceneBuilder::new();
     let wall = builder.push_material(Material::diffuse("wall", Rgb::splat(albedo)));
-    scenes::Shape::new().room(DVec3::ZERO, DVec3::splat(width)).push_into(&mut builder, "cube", wall);
+    Shape::new().room(DVec3::ZERO, DVec3::splat(width)).push_into(&mut builder, "cube", wall);
     builder.push_point_light("lamp", DVec3::splat(0.5 * width), Rgb::splat((flux / (4.0 * PI)) as f32));
     scenes::build(builder)
 }
@@ -315,7 +315,7 @@ fn an_open_furnace_under_the_sky_is_uniform() {
     for (i, albedo) in [0.2f32, 0.8, 0.5, 0.9, 0.0].into_iter().enumerate() {
         let wall = Material::emitter("wall", Rgb::splat(albedo), Rgb::splat((1.0 - albedo) * std::f32::consts::PI));
         let wall = builder.push_material(Material { emits: Sides::Both, ..wall });
-        let mut room = scenes::Shape::new();
+        let mut room = Shape::new();
         room.room(DVec3::ZERO, DVec3::ONE);
         // Faces are x-, x+, y-, y+, z-, z+ and y+ stays open.
         let face = if i < 3 { i } else { i + 1 };
@@ -335,7 +335,7 @@ fn an_open_furnace_under_the_sky_is_uniform() {
 fn a_hemisphere_under_the_sky_is_a_uniform_cavity() {
     // Cut the sphere along facets and take the opening from the area that is left.
     let full = scenes::geodesic_sphere(1.0, 20_000);
-    let mut bowl = scenes::Shape::new();
+    let mut bowl = Shape::new();
     for t in &full.triangles {
         let [a, b, c] = t.map(|v| full.positions[v as usize]);
         if (a + b + c).y < 0.0 {
@@ -429,7 +429,7 @@ fn masks_cut_holes_and_single_sided_backs_are_black() {
         let mut builder = scenes::single_sheet(Rgb::splat(0.5));
         let alpha = Some(AlphaMask { factor, texture: None, cutoff: 0.5 });
         let lid = builder.push_material(Material { alpha, ..Material::diffuse("lid", Rgb::splat(0.5)) });
-        scenes::Shape::new().cuboid(DVec3::new(-0.4, 0.2, -0.4), DVec3::new(0.4, 0.21, 0.4)).push_into(
+        Shape::new().cuboid(DVec3::new(-0.4, 0.2, -0.4), DVec3::new(0.4, 0.21, 0.4)).push_into(
             &mut builder,
             "lid",
             lid,
