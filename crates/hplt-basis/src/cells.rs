@@ -298,6 +298,46 @@ pub(crate) mod tests {
         assert!(n_found > 10_000, "{n_found}");
     }
 
+    /// Whatever is at the rim of reach and height is in a cell that is touched, and every cell that is touched is that near.
+    #[test]
+    fn the_cells_touched_are_those_within_reach_and_height() {
+        let (reach, height) = (0.1, 0.04);
+        let (mut next, mut touched) = (numbers(6), Vec::new());
+        let mut n_touched = 0;
+        for point in functions(3000, 5) {
+            let point = OrientedPoint { extent: Extent::OPEN, ..point };
+            let cells_per_unit = 10.0 + 30.0 * next();
+            touched.clear();
+            touched_cells(&point, (reach, height), cells_per_unit, |cell| touched.push(cell));
+            let normal = point.normal;
+            for direction in [Vec3::X, Vec3::Y, Vec3::Z, normal, normal.any_orthonormal_vector()] {
+                // A little inside, so that rounding does not decide.
+                let length = 0.9999 * reach.min(height / direction.dot(normal).abs());
+                for offset in [length * direction, -length * direction] {
+                    assert!(touched.contains(&cell_at(point.position + offset, cells_per_unit)), "{point:?} {offset}");
+                }
+            }
+            for cell in &touched {
+                let corner = |i: i32| (cell + IVec3::new(i & 1, i >> 1 & 1, i >> 2)).as_vec3() / cells_per_unit;
+                let nearest = point.position.clamp(corner(0), corner(7));
+                assert!(nearest.distance(point.position) < 1.003 * reach, "{point:?} {cell}");
+                let heights = [0, 1, 2, 3, 4, 5, 6, 7].map(|i| (corner(i) - point.position).dot(normal));
+                assert!(heights.iter().any(|&h| h < 1.003 * height) && heights.iter().any(|&h| h > -1.003 * height));
+            }
+            n_touched += touched.len();
+        }
+        assert!(n_touched > 10_000, "{n_touched}");
+    }
+
+    /// Four bytes for a function in a list, and few for the cells.
+    #[test]
+    fn the_memory_of_lists_is_that_of_their_entries() {
+        let key = |i: u32| Key::new(IVec3::new(i as i32 / 100, 0, 0), RegionId(0), 0);
+        let entries: Vec<(Key, u32)> = (0..1000).map(|i| (key(i), i)).collect();
+        let memory = Lists::new(&entries, 1.0).memory();
+        assert!((4000 + 10 * size_of::<Key>()..6000).contains(&memory), "{memory}");
+    }
+
     /// Cells are halved as often as the lists need it, and no more.
     #[test]
     fn crowded_cells_are_halved() {

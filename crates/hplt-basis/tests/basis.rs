@@ -1,44 +1,17 @@
 //! What every Shepard basis must do, on jittered grids over a plane.
 
+mod common;
+
+use common::{Noise, plane, point};
 use glam::Vec3;
 use hplt_basis::{
     Absolute, ApproximateNearest, BasisOptions, Coefficients, Delta, ExactShepard, LayeredScratch, Reconstruction,
     ShepardBasis, absolute_from_delta, delta_from_absolute, restrict,
 };
-use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb};
-
-/// A small deterministic generator for test positions.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (self.0 >> 40) as f32 / (1u64 << 24) as f32
-    }
-}
-
-fn point(x: f32, z: f32, normal: Vec3, region: u32, area: f32) -> OrientedPoint {
-    OrientedPoint::new(Vec3::new(x, 0.0, z), normal, RegionId(region)).with_area(area)
-}
-
-/// `n_levels` jittered grids over the unit square, `n`, `2n`, `4n` … cells across, `r` a cell wide.
-fn plane(n: usize, n_levels: usize, normal: Vec3, region: u32) -> PointHierarchy {
-    let mut noise = Noise(7);
-    let levels = (0..n_levels).map(|l| {
-        let cells = n << l;
-        let size = 1.0 / cells as f32;
-        let points = (0..cells * cells).map(|i| {
-            let x = ((i % cells) as f32 + 0.3 + 0.4 * noise.next()) * size;
-            let z = ((i / cells) as f32 + 0.3 + 0.4 * noise.next()) * size;
-            point(x, z, normal, region, size * size)
-        });
-        PointLevel::new(size, points.collect())
-    });
-    PointHierarchy { levels: levels.collect(), n_regions: region + 1 }
-}
+use hplt_geom::{OrientedPoint, RegionId, Rgb};
 
 fn queries(n: usize) -> Vec<OrientedPoint> {
-    let mut noise = Noise(99);
+    let mut noise = Noise::new(99);
     (0..n).map(|_| point(noise.next(), noise.next(), Vec3::Y, 0, 0.0)).collect()
 }
 

@@ -111,6 +111,11 @@ fn empty_single_and_pair() {
     assert_eq!(two.nearest(Vec3::ZERO, 2.0, |_| true), Some((0, 1.0)));
     assert_eq!(two.nearest(Vec3::ZERO, 2.0, |id| id == 1), Some((1, 1.0)));
     assert_eq!(within(&two, Vec3::X, 0.0), [(0, 0.0), (1, 0.0)]);
+    assert_eq!(two.few_nearest(Vec3::ZERO, 2.0, |_| true), ([], 0));
+    let none = KdTree::default();
+    assert!(none.is_empty() && none.nearest(Vec3::ZERO, 1.0, |_| true).is_none());
+    assert!(none.approximate_nearest(Vec3::ZERO, |_| true).is_none());
+    assert_eq!(within(&none, Vec3::ZERO, 1.0), []);
 }
 
 #[test]
@@ -157,6 +162,35 @@ fn approximate_nearest_finds_the_nearest_for_most_queries() {
         .filter(|&&q| tree.approximate_nearest(q, |_| true) == tree.nearest(q, f32::INFINITY, |_| true))
         .count();
     assert!((queries.len() / 5..queries.len()).contains(&right), "{right} of {}", queries.len());
+}
+
+/// Every point is in the leaf that its own position leads to, and every split is across the widest extent of the points below.
+#[test]
+fn splits_are_across_the_widest_extent() {
+    let points = cloud(3000, 6).into_iter().enumerate().map(|(i, p)| p * Vec3::new(1.0, 0.4, 1.0 + (i % 2) as f32));
+    let points: Vec<Vec3> = points.collect();
+    let tree = KdTree::build(&points);
+    for (id, &point) in points.iter().enumerate() {
+        assert_eq!(tree.approximate_nearest(point, |_| true), Some((id as u32, 0.0)));
+    }
+    let mut n_splits = [0; 3];
+    let mut pending = vec![(0, 0..points.len())];
+    while let Some((i, range)) = pending.pop() {
+        let node = tree.nodes()[i];
+        if node.is_leaf() {
+            assert_eq!(node.range(), range);
+            continue;
+        }
+        let extent_along = |axis: usize| {
+            let along = || tree.points()[range.clone()].iter().map(|p| p[axis]);
+            along().fold(f32::NEG_INFINITY, f32::max) - along().fold(f32::INFINITY, f32::min)
+        };
+        assert!((0..3).all(|axis| extent_along(axis) <= extent_along(node.axis())));
+        n_splits[node.axis()] += 1;
+        let half = range.start + range.len() / 2;
+        pending.extend([(i + 1, range.start..half), (node.right(), half..range.end)]);
+    }
+    assert!(n_splits.iter().all(|&n| n > 5), "{n_splits:?}");
 }
 
 #[cfg(feature = "rayon")]
