@@ -77,14 +77,7 @@ fn axis_of(direction: u32) -> Vec3 {
 
 /// The direction of the axes nearest to a normal.
 fn facing(normal: Vec3) -> u32 {
-    let size = normal.abs();
-    let axis = if size.x >= size.y && size.x >= size.z {
-        0
-    } else if size.y >= size.z {
-        1
-    } else {
-        2
-    };
+    let axis = normal.abs().max_position();
     2 * axis as u32 + u32::from(normal[axis] < 0.0)
 }
 

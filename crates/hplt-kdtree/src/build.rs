@@ -72,12 +72,5 @@ fn build_subtree(items: &mut [Item], nodes: &mut [Node], first_node: usize, firs
 fn widest_axis(items: &[Item]) -> usize {
     let first = items[0].position;
     let (min, max) = items.iter().fold((first, first), |(min, max), i| (min.min(i.position), max.max(i.position)));
-    let extent = max - min;
-    if extent.x >= extent.y && extent.x >= extent.z {
-        0
-    } else if extent.y >= extent.z {
-        1
-    } else {
-        2
-    }
+    (max - min).max_position()
 }

@@ -4,7 +4,8 @@
 //! The tree is two flat arrays of plain data, [`KdTree::nodes`] (8 bytes each, depth first) and the points in leaf
 //! order with their ids ([`KdTree::points`], [`KdTree::order`]), so that it uploads to a GPU as it is. Every leaf is at
 //! the same depth and leaves differ in size by at most one point: the shape depends on the number of points alone,
-//! which makes the parallel build write straight into its final place, and the traversal stack small and fixed.
+//! which makes the parallel build write straight into its final place, and the traversal stack small and fixed. A node
+//! is split across the widest extent of its points.
 //!
 //! Rejected: an implicit layout without child links (saves little with leaves of this size, costs a second way to number
 //! nodes on the GPU), and sliding-midpoint splits (unbounded depth on duplicates).
