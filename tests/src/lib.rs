@@ -11,7 +11,7 @@ mod stages;
 mod verdict;
 
 pub use stages::{Nearest, Occluded, Read, Run, StagedBvh, StagedRead, Stages};
-pub use verdict::{area_mean, assert_equivalent, mean_luminance, replicated};
+pub use verdict::{area_mean, assert_equivalent, mean_luminance, replicated, slope};
 
 use std::path::{Path, PathBuf};
 
@@ -31,6 +31,8 @@ pub struct Setup {
     pub n_levels: usize,
     /// Coarsest Poisson radius as a fraction of the diagonal.
     pub radius: f64,
+    /// Seed of the points.
+    pub points_seed: u64,
     /// Direct light.
     pub direct: DirectOptions,
     /// Bounces.
@@ -42,6 +44,7 @@ impl Default for Setup {
         Self {
             n_levels: 4,
             radius: 0.085,
+            points_seed: 0,
             direct: DirectOptions::projection(),
             transport: TransportOptions { n_rays: 256, ..TransportOptions::production() },
         }
@@ -88,6 +91,7 @@ impl Prepared {
         let options = HierarchyOptions {
             n_levels: setup.n_levels,
             coarsest_radius: Radius::Fraction(setup.radius),
+            seed: setup.points_seed,
             ..HierarchyOptions::production()
         };
         let Hierarchy { points, regions, report: placed } =

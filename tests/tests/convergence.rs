@@ -10,15 +10,7 @@ use hplt::reference::scenes;
 use hplt::sampling::random_surface_points;
 use hplt::transport::{Threshold, TransportOptions};
 use hplt_tests::checks::hemisphere;
-use hplt_tests::{Prepared, Setup, manufactured};
-
-/// The slope of `ln y` over `ln x`, least squares.
-fn slope(points: &[(f64, f64)]) -> f64 {
-    let n = points.len() as f64;
-    let logs: Vec<(f64, f64)> = points.iter().map(|&(x, y)| (x.ln(), y.ln())).collect();
-    let (mx, my) = (logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n);
-    logs.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum::<f64>() / logs.iter().map(|p| (p.0 - mx).powi(2)).sum::<f64>()
-}
+use hplt_tests::{Prepared, Setup, manufactured, slope};
 
 /// Mean relative error of interpolated irradiance over a grid on all faces, at radii that halve twice. Rays enough for their
 /// noise, 0.1 %, to stay below the error of the functions.

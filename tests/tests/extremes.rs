@@ -1,10 +1,12 @@
 //! Stiff and extreme input: bright and dim, many, tiny, coincident, far away, broken.
 
 use hplt::geom::glam::{DVec3, Vec3};
-use hplt::geom::{BuildPolicy, Bvh, BvhOptions, Material, MeshInput, Rgb, Scene, SceneBuilder, SceneReport, Sides};
+use hplt::geom::{
+    BuildPolicy, Bvh, BvhOptions, Material, MeshInput, NoProgress, Rgb, Scene, SceneBuilder, SceneReport, Sides,
+};
 use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::Warning;
-use hplt::transport::TransportOptions;
+use hplt::transport::{Leak, TransportOptions, leaks};
 use hplt_tests::checks::{hemisphere, worst};
 use hplt_tests::{Prepared, Setup, area_mean};
 
@@ -196,20 +198,22 @@ fn d15_bad_shading_normals_do_not_matter() {
     }
 }
 
+/// A room of 1 m whose first wall is drawn in by `gap` on all sides, so that a slit runs around it.
+fn room_with_slit(gap: f64) -> Shape {
+    let mut room = unit_room();
+    let inwards = |x: f64| 0.5 + (x - 0.5) * (1.0 - 2.0 * gap);
+    room.positions[0..4].iter_mut().for_each(|p| *p = DVec3::new(p.x, inwards(p.y), inwards(p.z)));
+    room
+}
+
 /// D18: gaps of a thousandth between the walls leak what they must, and the leak is counted.
 #[test]
 fn d18_a_gap_leaks_and_is_counted() {
     let leak = |gap: f64| {
-        let mut scene = Shape::new();
-        scene.room(DVec3::ZERO, DVec3::ONE);
-        // One wall drawn in, so that a slit runs around it.
         let mut builder = SceneBuilder::new();
         // The outside reflects nothing, so that every ray starts inside.
         let wall = builder.push_material(Material { reflects: Sides::Front, ..furnace_wall(0.5) });
-        scene.positions[0..4].iter_mut().for_each(|p| {
-            *p = DVec3::new(p.x, 0.5 + (p.y - 0.5) * (1.0 - 2.0 * gap), 0.5 + (p.z - 0.5) * (1.0 - 2.0 * gap));
-        });
-        scene.push_into(&mut builder, "room", wall);
+        room_with_slit(gap).push_into(&mut builder, "room", wall);
         let prepared = Prepared::new(scenes::build(builder), hemisphere(1, 64, 1e-2));
         let solved = prepared.solve().unwrap();
         assert_eq!(solved.report.n_escaped() > 0, gap > 0.0, "gap {gap}");
@@ -223,6 +227,95 @@ fn d18_a_gap_leaks_and_is_counted() {
     println!("leaked shares: {narrow:e} {wide:e}");
     // The slit is 4·gap of six faces: 0.067 and 0.67 %, at points uniform in area.
     assert!((3e-4..1.5e-3).contains(&narrow) && (3e-3..1.5e-2).contains(&wide), "{narrow:e} {wide:e}");
+}
+
+/// What leaves through cracks of a room with lit walls of that albedo, where that is most.
+fn worst_leak(shape: &Shape, albedo: f32) -> Option<Leak> {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.push_material(furnace_wall(albedo));
+    shape.push_into(&mut builder, "room", wall);
+    let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 1, ..Setup::default() });
+    let found = leaks(&prepared.scene, &prepared.bvh, &prepared.regions, 1, &NoProgress).unwrap();
+    found.into_iter().max_by(|a, b| a.lost().total_cmp(&b.lost()))
+}
+
+/// A room of 1 m whose ceiling is two halves with a slit of `width` between them.
+fn room_with_cut_ceiling(width: f64) -> Shape {
+    let mut room = unit_room();
+    let is_ceiling = |t: &[u32; 3]| t.iter().all(|&v| room.positions[v as usize].y == 1.0);
+    let triangles: Vec<[u32; 3]> = room.triangles.iter().filter(|t| !is_ceiling(t)).copied().collect();
+    room.triangles = triangles;
+    for (from, to) in [(0.0, 0.5 - 0.5 * width), (0.5 + 0.5 * width, 1.0)] {
+        let at = |x: f64, z: f64| DVec3::new(x, 1.0, z);
+        room.quad([at(from, 0.0), at(to, 0.0), at(to, 1.0), at(from, 1.0)]);
+    }
+    room
+}
+
+/// A room of 1 m in whose ceiling a vertex lies `short` of the diagonal that it should lie on, and the area of the hole.
+fn room_with_t_junction(short: f64) -> (Shape, f64) {
+    let mut room = room_with_cut_ceiling(1.0);
+    let at = |x: f64, z: f64| DVec3::new(x, 1.0, z);
+    let middle = at(0.5 + short * 0.5f64.sqrt(), 0.5 - short * 0.5f64.sqrt());
+    room.triangle([at(0.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]);
+    room.triangle([at(0.0, 0.0), at(1.0, 0.0), middle]).triangle([middle, at(1.0, 0.0), at(1.0, 1.0)]);
+    (room, 0.5 * 2f64.sqrt() * short)
+}
+
+/// D18: what leaves through gaps, through a vertex that misses its edge, and where three walls share an edge, is measured, and it is
+/// serious where `leak/(1-ρ)` is above a hundredth. Walls see a slit by its share of their area, by reciprocity.
+#[test]
+fn d18_cracks_are_measured_and_serious_where_much_is_reflected() {
+    // Fins that share an edge with the floor and one with a wall.
+    let mut fins = unit_room();
+    fins.quad([DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.3, 0.4), DVec3::new(0.0, 0.3, 0.4)]);
+    fins.quad([DVec3::ZERO, DVec3::Z, DVec3::new(0.3, 0.4, 1.0), DVec3::new(0.3, 0.4, 0.0)]);
+    let (t_junction, hole) = room_with_t_junction(1.5e-3);
+    // The surface beside a slit in a corner sees so much of it that it passes for open: a third of the leak.
+    for (what, shape, slit, at_corner) in [
+        ("closed", unit_room(), 0.0, 1.0),
+        ("three walls at an edge", fins, 0.0, 1.0),
+        ("gap of 1.5e-3", room_with_cut_ceiling(1.5e-3), 1.5e-3, 1.0),
+        ("gap of 1.5e-4", room_with_cut_ceiling(1.5e-4), 1.5e-4, 1.0),
+        ("gaps of 1e-3 in corners", room_with_slit(1e-3), 4e-3, 0.6),
+        ("T-junction", t_junction, hole, 1.0),
+    ] {
+        for albedo in [0.5f32, 0.99] {
+            let leak = worst_leak(&shape, albedo).expect("rooms are enclosed");
+            let expected = at_corner * slit / 6.0;
+            println!("{what}, albedo {albedo}: {:.2e} for {expected:.2e}, {:.4} lost", leak.share(), leak.lost());
+            // Four standard deviations of the count.
+            let noise = 4.0 * (expected / leak.rays as f64).sqrt();
+            assert!((leak.share() - expected).abs() <= 0.1 * expected + noise, "{what}: {leak:?}");
+            let lost = expected / (1.0 - f64::from(albedo));
+            assert!((0.5..2.0).contains(&(leak.lost() / lost)) || leak.lost().max(lost) < 2e-3, "{what}: {leak:?}");
+            assert_eq!(leak.is_serious(), lost > 0.01, "{what}, {albedo}: {leak:?}");
+        }
+    }
+}
+
+/// What is open on purpose, in part or wholly, is not taken for cracks: open ground, a skylight, a shed without a wall, a grating of
+/// bars, a colonnade.
+#[test]
+fn d18_openings_are_not_cracks() {
+    let mut bars = room_with_cut_ceiling(1.0);
+    for i in 0..10 {
+        let at = |x: f64, z: f64| DVec3::new(0.1 * (f64::from(i) + x), 1.0, z);
+        bars.quad([at(0.0, 0.0), at(0.5, 0.0), at(0.5, 1.0), at(0.0, 1.0)]);
+    }
+    let mut shed = unit_room();
+    shed.triangles.truncate(10);
+    for (what, shape) in [("skylight", room_with_cut_ceiling(0.1)), ("bars", bars), ("shed", shed)] {
+        let leak = worst_leak(&shape, 0.9);
+        println!("{what}: {leak:?}");
+        assert!(leak.is_none_or(|leak| leak.lost() < 2e-3 && !leak.is_serious()), "{what}: {leak:?}");
+    }
+    let ground = scenes::plane_under_sky(10.0, Rgb::splat(0.9), Rgb::ONE);
+    for (what, builder) in [("ground", ground), ("Cornell box", scenes::cornell_box())] {
+        let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 1, ..Setup::default() });
+        let found = leaks(&prepared.scene, &prepared.bvh, &prepared.regions, 1, &NoProgress).unwrap();
+        assert!(found.iter().all(|leak| leak.lost() < 2e-3), "{what}: {found:?}");
+    }
 }
 
 /// A triangle a kilometre wide, and above it `n` of a millimetre, a centimetre apart, under the sun.

@@ -184,6 +184,7 @@ impl<'r> Run<'r> {
         self.enter_hierarchy(&hierarchy.report);
         self.look_for_sky(scene, &bvh)?;
         let regions = hierarchy.regions;
+        self.look_for_leaks(scene, &bvh, &regions)?;
         let seed = settings.transport.seed;
         let options = DirectOptions { seed, ..DirectOptions::projection() };
         let lights = self.stage("lights", |_| DirectLight::new(scene, options));

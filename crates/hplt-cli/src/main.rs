@@ -16,6 +16,7 @@ mod indirect;
 mod info;
 mod job;
 mod kept;
+mod leaks;
 mod light_table;
 mod lights;
 mod load;

@@ -1,7 +1,7 @@
 //! Small scenes with known answers.
 
 use hplt_geom::glam::DVec3;
-use hplt_geom::{Environment, Material, MaterialId, Rgb, SceneBuilder, Sides};
+use hplt_geom::{Environment, Material, Rgb, SceneBuilder, Sides};
 
 use super::Shape;
 use super::random::Random;
@@ -159,23 +159,32 @@ pub fn box_on_floor() -> SceneBuilder {
 /// A closed room with `n_boxes` random boxes floating in it, every surface of its own random albedo `ρ ≤ 0.95` per
 /// channel and exitance `(1-ρ)·radiosity`: the radiosity is `radiosity` everywhere (generalised furnace).
 pub fn cluttered_room(seed: u64, n_boxes: usize, radiosity: f32) -> SceneBuilder {
+    boxes_furnace(seed, n_boxes, radiosity, 0.95)
+}
+
+/// 500 random boxes in a closed room, through each other: [`cluttered_room`] with unit radiosity and albedos up to 0.99.
+pub fn random_boxes_furnace(seed: u64) -> SceneBuilder {
+    boxes_furnace(seed, 500, 1.0, 0.99)
+}
+
+fn boxes_furnace(seed: u64, n_boxes: usize, radiosity: f32, most_albedo: f64) -> SceneBuilder {
     let mut random = Random::new(seed);
     let mut builder = SceneBuilder::new();
-    let material = furnace_material(&mut random, radiosity, Sides::Front, &mut builder);
+    let furnace_material = |random: &mut Random, emits: Sides, builder: &mut SceneBuilder| {
+        let albedo = (random.vector() * most_albedo).as_vec3();
+        let emitter = Material::emitter("clutter", albedo, (Rgb::ONE - albedo) * radiosity);
+        builder.push_material(Material { emits, ..emitter })
+    };
+    let material = furnace_material(&mut random, Sides::Front, &mut builder);
     Shape::new().room(DVec3::ZERO, DVec3::new(3.0, 2.0, 2.5)).push_into(&mut builder, "room", material);
     for _ in 0..n_boxes {
         let size = random.vector() * 0.4 + 0.05;
         let min = random.vector() * (DVec3::new(2.9, 1.9, 2.4) - size) + 0.05;
         // Both sides emit: boxes that overlap enclose cavities, which must be furnaces too.
-        let material = furnace_material(&mut random, radiosity, Sides::Both, &mut builder);
+        let material = furnace_material(&mut random, Sides::Both, &mut builder);
         Shape::new().cuboid(min, min + size).push_into(&mut builder, "box", material);
     }
     builder
-}
-
-/// 500 random boxes in a closed room: [`cluttered_room`] with unit radiosity.
-pub fn random_boxes_furnace(seed: u64) -> SceneBuilder {
-    cluttered_room(seed, 500, 1.0)
 }
 
 /// The inside of a torus around the y axis (radii 1 m and 0.4 m, `n_around × n_across` quads), as a generalised
@@ -241,12 +250,6 @@ pub(super) fn lamp(min: DVec3, size: f64, exitance: Rgb, builder: &mut SceneBuil
         builder.push_material(Material { reflects: Sides::Front, ..Material::emitter("lamp", Rgb::ZERO, exitance) });
     let at = |x: f64, z: f64| min + DVec3::new(x * size, 0.0, z * size);
     Shape::new().quad([at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]).push_into(builder, "lamp", id);
-}
-
-fn furnace_material(random: &mut Random, radiosity: f32, emits: Sides, builder: &mut SceneBuilder) -> MaterialId {
-    let albedo = (random.vector() * 0.95).as_vec3();
-    let emitter = Material::emitter("clutter", albedo, (Rgb::ONE - albedo) * radiosity);
-    builder.push_material(Material { emits, ..emitter })
 }
 
 /// A sphere seen from outside, of `20·n²` triangles, the number nearest to `facets`: an icosahedron whose faces are
