@@ -235,7 +235,7 @@ fn worst_leak(shape: &Shape, albedo: f32) -> Option<Leak> {
     let wall = builder.push_material(furnace_wall(albedo));
     shape.push_into(&mut builder, "room", wall);
     let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 1, ..Setup::default() });
-    let found = leaks(&prepared.scene, &prepared.bvh, &prepared.regions, 1, &NoProgress).unwrap();
+    let found = leaks(&prepared.scene, &prepared.bvh, prepared.basis.points(0), 1 << 18, 1, &NoProgress).unwrap();
     found.into_iter().max_by(|a, b| a.lost().total_cmp(&b.lost()))
 }
 
@@ -313,7 +313,7 @@ fn d18_openings_are_not_cracks() {
     let ground = scenes::plane_under_sky(10.0, Rgb::splat(0.9), Rgb::ONE);
     for (what, builder) in [("ground", ground), ("Cornell box", scenes::cornell_box())] {
         let prepared = Prepared::new(scenes::build(builder), Setup { n_levels: 1, ..Setup::default() });
-        let found = leaks(&prepared.scene, &prepared.bvh, &prepared.regions, 1, &NoProgress).unwrap();
+        let found = leaks(&prepared.scene, &prepared.bvh, prepared.basis.points(0), 1 << 18, 1, &NoProgress).unwrap();
         assert!(found.iter().all(|leak| leak.lost() < 2e-3), "{what}: {found:?}");
     }
 }

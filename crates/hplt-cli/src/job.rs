@@ -184,7 +184,6 @@ impl<'r> Run<'r> {
         self.enter_hierarchy(&hierarchy.report);
         self.look_for_sky(scene, &bvh)?;
         let regions = hierarchy.regions;
-        self.look_for_leaks(scene, &bvh, &regions)?;
         let seed = settings.transport.seed;
         let options = DirectOptions { seed, ..DirectOptions::projection() };
         let lights = self.stage("lights", |_| DirectLight::new(scene, options));
@@ -216,6 +215,7 @@ impl<'r> Run<'r> {
         let is_cut_short = transport.stop == StopReason::Interrupted;
         let lit = Lit { scene, bvh, regions, lights, basis, field, kept: None, is_cut_short };
         if !is_cut_short && transport.stop != StopReason::NoLight {
+            self.look_for_leaks(&lit)?;
             self.measure_error(&lit)?;
         }
         Ok(lit)
@@ -246,6 +246,7 @@ impl<'r> Run<'r> {
         if self.report.stop == "no-light" {
             self.warn_about(&StopReason::NoLight);
         } else if !is_cut_short {
+            self.look_for_leaks(&lit)?;
             self.measure_error(&lit)?;
         }
         Ok(lit)

@@ -230,6 +230,11 @@ impl RunReport {
         self.seconds += seconds;
     }
 
+    /// Rays of the gathers that left the scene.
+    pub fn escaped(&self) -> u64 {
+        self.links.as_ref().map_or(0, |links| links.escaped) + self.bounces.iter().map(|b| b.escaped).sum::<u64>()
+    }
+
     /// Enters the memory of a part, in place of what was known about it.
     pub fn enter_memory(&mut self, part: &'static str, bytes: usize) {
         self.memory.retain(|known| known.part != part);

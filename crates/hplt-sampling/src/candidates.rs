@@ -76,7 +76,10 @@ impl<'a> Candidates<'a> {
         let sides = components.small_sides(self.sampler, self.n_drawn, ENOUGH, usize::MAX);
         let source = Source { regions: self.regions, stream: Stream::new(self.seed, Stage::Candidates), dimension: 1 };
         let first = self.points.len();
-        self.points.extend(source.draw_on(self.scene, self.caster, &sides));
+        for start in (0..sides.len()).step_by(TASKS * CHUNK) {
+            let ids = start..sides.len().min(start + TASKS * CHUNK);
+            self.points.extend(source.draw_on(self.scene, self.caster, &sides, ids));
+        }
         self.extra = first..self.points.len();
         self.n_other += sides.len();
     }
@@ -193,12 +196,19 @@ impl Source<'_> {
         chunks.concat()
     }
 
-    /// One point on each of `sides`, where reachable.
-    fn draw_on(&self, scene: &Scene, caster: &dyn RayCaster, sides: &[Side]) -> Vec<OrientedPoint> {
+    /// One point on each of `sides[ids]`, where reachable.
+    fn draw_on(
+        &self,
+        scene: &Scene,
+        caster: &dyn RayCaster,
+        sides: &[Side],
+        ids: std::ops::Range<usize>,
+    ) -> Vec<OrientedPoint> {
         let points = parallel::map(
-            sides.len(),
+            ids.len(),
             || (),
-            |(), i| {
+            |(), k| {
+                let i = ids.start + k;
                 let words = self.stream.words(i as u32, 0, self.dimension);
                 self.reachable(scene, caster, &point_on(scene, sides[i], words[0], words[1])?)
             },

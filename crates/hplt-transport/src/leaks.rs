@@ -4,12 +4,13 @@ use glam::Vec3;
 use hplt_geom::parallel;
 use hplt_geom::{Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, Scene, offset_origin};
 use hplt_sampling::random::{Stage, Stream};
-use hplt_sampling::{Regions, random_surface_points, sobol, warp};
+use hplt_sampling::{sobol, warp};
 
-const POINTS: usize = 4096;
-const RAYS: usize = 64;
-/// A point from which no fewer of its rays leave otherwise than through cracks stands in the open.
-const FEW: usize = RAYS / 16;
+/// The fewest rays of a point.
+const LEAST_RAYS: usize = 64;
+/// A point from which no smaller share of its rays leaves otherwise than through cracks stands in the open, and so does one from which
+/// twice as many leave in whatever way.
+const FEW: f64 = 1.0 / 16.0;
 /// Widest opening that may be a crack, in diagonals of the scene.
 const CRACK: f32 = 1.0 / 256.0;
 /// Largest angle between a ray that leaves and those beside it, radians.
@@ -18,8 +19,8 @@ const BESIDE: f32 = 1.0 / 32.0;
 const PAIRS: usize = 4;
 /// Both sides of a crack are equally far away, as far as slanting surface allows.
 const AS_FAR: f32 = 0.8;
-/// Fewer points of a region than this tell nothing about it.
-const LEAST_POINTS: u64 = POINTS as u64 / 100;
+/// Fewer rays from a region than this tell nothing about it.
+const LEAST_FROM_REGION: u64 = 1024;
 /// The least share of the light lost that is worth a warning.
 const MUCH: f64 = 0.01;
 
@@ -41,7 +42,7 @@ pub struct Leak {
     pub escaped: u64,
     /// How many of these left through cracks.
     pub through_cracks: u64,
-    /// The mean albedo of what all rays met, 0 for those that left.
+    /// The mean albedo of what rays met, 0 for those that left, as seen from where rays leave through cracks; 0 where none do.
     pub returned: Rgb,
 }
 
@@ -59,28 +60,41 @@ impl Leak {
 
     /// Whether more than a hundredth of the light is lost, in a region large enough to tell.
     pub fn is_serious(&self) -> bool {
-        self.points >= LEAST_POINTS && self.lost() > MUCH
+        self.rays >= LEAST_FROM_REGION && self.lost() > MUCH
     }
 }
 
-/// What leaves through cracks, region by region, from 64 rays at each of 4096 random points; empty where nothing is enclosed.
+/// What leaves through cracks, region by region, of about `n_rays` rays from some or all of `points`, which are taken to be spread
+/// evenly over the surface, as those of a level of functions are; empty where nothing is enclosed.
 ///
 /// # Errors
 /// When interrupted.
 pub fn leaks(
     scene: &Scene,
     caster: &dyn RayCaster,
-    regions: &Regions,
+    points: &[OrientedPoint],
+    n_rays: usize,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Leak>, Interrupted> {
-    let points = random_surface_points(scene, caster, regions, POINTS, seed);
+    let stride = points.len().div_ceil((n_rays / LEAST_RAYS).max(1)).max(1);
+    let n_points = points.len().div_ceil(stride);
+    let rays_per_point = (n_rays / n_points.max(1)).max(LEAST_RAYS);
     let stream = Stream::new(seed, Stage::Probe);
-    let leak = |hits: &mut Vec<Hit>, i: usize| {
+    let leak = |(rays, occluded): &mut (Vec<Ray>, Vec<bool>), i: usize| {
         progress.check()?;
-        Ok::<_, Interrupted>(leak_at(scene, caster, &points[i], stream.word(i as u32, 0, 8), hits))
+        let point = &points[i * stride];
+        let origin = offset_origin(point.position, point.normal);
+        let scramble = stream.word(i as u32, 0, 8);
+        let ray = |k| Ray::new(origin, warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0), point.normal));
+        rays.clear();
+        rays.extend((0..rays_per_point as u32).map(ray));
+        occluded.clear();
+        occluded.resize(rays.len(), false);
+        caster.trace_occluded(rays, occluded);
+        Ok::<_, Interrupted>(leak_of(scene, caster, point.region, rays, occluded))
     };
-    let at_points = parallel::try_map(points.len(), Vec::new, leak)?;
+    let at_points = parallel::try_map(n_points, Default::default, leak)?;
     let mut found: Vec<Leak> = Vec::new();
     for leak in at_points.into_iter().flatten() {
         match found.iter_mut().find(|known| known.region == leak.region) {
@@ -94,52 +108,44 @@ pub fn leaks(
 
 impl Leak {
     fn and(&self, other: &Self) -> Self {
-        let points = self.points + other.points;
+        let through_cracks = self.through_cracks + other.through_cracks;
+        let share_of_other = other.through_cracks as f32 / through_cracks.max(1) as f32;
         Self {
             region: self.region,
-            points,
+            points: self.points + other.points,
             rays: self.rays + other.rays,
             escaped: self.escaped + other.escaped,
-            through_cracks: self.through_cracks + other.through_cracks,
-            returned: self.returned + (other.returned - self.returned) * (other.points as f32 / points as f32),
+            through_cracks,
+            returned: self.returned + (other.returned - self.returned) * share_of_other,
         }
     }
 }
 
 /// What leaves from one point; `None` in the open.
-fn leak_at(
-    scene: &Scene,
-    caster: &dyn RayCaster,
-    point: &OrientedPoint,
-    scramble: u32,
-    hits: &mut Vec<Hit>,
-) -> Option<Leak> {
-    let origin = offset_origin(point.position, point.normal);
-    let ray = |k| Ray::new(origin, warp::cosine_hemisphere(sobol::sobol_2d(k, scramble, 0), point.normal));
-    let rays: Vec<Ray> = (0..RAYS as u32).map(ray).collect();
-    hits.clear();
-    hits.resize(rays.len(), Hit::MISS);
-    caster.trace_nearest(&rays, hits);
-    let escaping = || rays.iter().zip(hits.iter()).filter(|(_, hit)| hit.is_miss());
-    let escaped = escaping().count();
-    // Where most of the rays leave, no crack can be what they leave by.
-    if escaped > RAYS / 2 {
+fn leak_of(scene: &Scene, caster: &dyn RayCaster, region: RegionId, rays: &[Ray], occluded: &[bool]) -> Option<Leak> {
+    let few = FEW * rays.len() as f64;
+    let escaping = || rays.iter().zip(occluded).filter(|(_, is_occluded)| !**is_occluded);
+    let escaped = escaping().count() as u64;
+    if escaped as f64 >= 2.0 * few {
         return None;
     }
-    let through_cracks = escaping().filter(|(ray, _)| is_through_crack(caster, ray, CRACK * scene.diagonal())).count();
-    if escaped - through_cracks >= FEW {
-        return None;
+    let mut through_cracks = 0;
+    for (tried, (ray, _)) in (1..).zip(escaping()) {
+        through_cracks += u64::from(is_through_crack(caster, ray, CRACK * scene.diagonal()));
+        if (tried - through_cracks) as f64 >= few {
+            return None;
+        }
     }
+    let returned = if through_cracks > 0 { returned(scene, caster, rays) } else { Rgb::ZERO };
+    Some(Leak { region, points: 1, rays: rays.len() as u64, escaped, through_cracks, returned })
+}
+
+/// The mean albedo of what rays meet.
+fn returned(scene: &Scene, caster: &dyn RayCaster, rays: &[Ray]) -> Rgb {
+    let mut hits = vec![Hit::MISS; rays.len()];
+    caster.trace_nearest(rays, &mut hits);
     let met = hits.iter().filter(|hit| !hit.is_miss());
-    let returned = met.map(|hit| scene.albedo(&scene.surface_at(hit))).sum::<Rgb>() / RAYS as f32;
-    Some(Leak {
-        region: point.region,
-        points: 1,
-        rays: RAYS as u64,
-        escaped: escaped as u64,
-        through_cracks: through_cracks as u64,
-        returned,
-    })
+    met.map(|hit| scene.albedo(&scene.surface_at(hit))).sum::<Rgb>() / rays.len() as f32
 }
 
 /// Whether `ray`, which leaves the scene, passes surface on two opposite sides, equally far away, and less than `width` apart.
