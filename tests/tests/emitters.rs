@@ -53,7 +53,7 @@ fn cost_of_many_lamps(n: u32, margin: f64) -> [f64; 2] {
     let exact = closed_forms::mean_irradiance(1.0, albedo.into(), area);
     let transport = TransportOptions { n_rays: 64, ..TransportOptions::production() };
     let direct = DirectOptions { estimator: DirectEstimator::Lights, ..DirectOptions::projection() };
-    let prepared = Prepared::new(scene, Setup { n_levels: 3, radius: 0.05, direct, transport });
+    let prepared = Prepared::new(scene, Setup { n_levels: 3, radius: 0.05, direct, transport, ..Setup::default() });
     let before = processor_seconds();
     let solved = prepared.solve().unwrap();
     let cost = [before - start, processor_seconds() - before];

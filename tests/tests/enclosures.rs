@@ -275,9 +275,10 @@ fn cluttered_closed_room() -> (Scene, Shape, f64) {
 #[test]
 fn a20_what_is_emitted_is_absorbed() {
     let (scene, _, exact) = cluttered_closed_room();
-    let mean = replicated(6, |seed| {
+    let mean = replicated(12, |seed| {
         let transport = TransportOptions { seed, n_rays: 128, ..TransportOptions::production() };
-        let prepared = Prepared::new(scene.clone(), Setup { n_levels: 3, transport, ..Setup::default() });
+        let setup = Setup { n_levels: 3, points_seed: seed, transport, ..Setup::default() };
+        let prepared = Prepared::new(scene.clone(), setup);
         let solved = prepared.solve().unwrap();
         assert_eq!(solved.report.n_escaped(), 0);
         let top = prepared.basis.n_levels() - 1;
@@ -314,7 +315,7 @@ fn linked_mean((scene, all): (&Scene, &Shape), radius: f64, options: LinkOptions
 #[test]
 fn a20_what_is_reflected_is_absorbed_at_production_settings() {
     let (scene, all, exact) = cluttered_closed_room();
-    let mean = replicated(4, |seed| {
+    let mean = replicated(8, |seed| {
         linked_mean((&scene, &all), Setup::default().radius, LinkOptions { seed, ..LinkOptions::production() }).1
     });
     assert_equivalent("reflected light of a closed room", &mean, f64::from(CLUTTERED_ALBEDO) * exact, 0.01);
