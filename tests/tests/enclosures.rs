@@ -353,7 +353,7 @@ fn a12_small_holes_with_many_rays() {
     for (fraction, sky_samples, margin) in [(1e-2, 4096, 0.01), (1e-3, 16_384, 0.1)] {
         let (scene, open) = pinhole(fraction, 20_480, 0.8);
         let exact = closed_forms::cap_cavity_irradiance(open, 0.8f32.into(), 1.0);
-        let mean = replicated(6, |seed| inside_of_sphere(&scene, seed, sky_samples));
+        let mean = replicated(12, |seed| inside_of_sphere(&scene, seed, sky_samples));
         assert_equivalent(&format!("hole of {open:.5}"), &mean, exact, margin);
     }
     let (scene, open) = pinhole(1e-3, 81_920, 0.8);

@@ -32,6 +32,7 @@ pub fn slow_tests() -> Result<()> {
     run(&mut cargo(&[
         "test",
         "--release",
+        "--no-fail-fast",
         "--workspace",
         "--lib",
         "--tests",

@@ -200,15 +200,21 @@ pub fn write_plain_exr(path: &Path, image: &Image, metadata: &[(String, String)]
     Ok(write_exr(path, &exr)?)
 }
 
-/// Stops that bring the median luminance of what is not black to 0.18, in tenths; 0 for a black picture.
+/// Stops, in tenths, that bring the median luminance of what is not black to 0.18; up to three less where more than a twentieth would be
+/// brighter than 1, as where a few sunlit walls stand among dim ones. 0 for a black picture.
 fn automatic_exposure(image: &Image) -> f32 {
     let mut values: Vec<f32> = image.pixels().iter().map(|p| luminance(*p)).filter(|&y| y > 0.0).collect();
     if values.is_empty() {
         return 0.0;
     }
-    let middle = values.len() / 2;
-    let (_, median, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
-    ((0.18 / *median).log2() * 10.0).round() / 10.0
+    let n = values.len();
+    let mut stops_to = |target: f32, rank: usize| {
+        let (_, value, _) = values.select_nth_unstable_by(rank, f32::total_cmp);
+        (target / *value).log2()
+    };
+    let (of_median, of_bright) = (stops_to(0.18, n / 2), stops_to(1.0, n * 19 / 20));
+    let stops = of_median.min(of_bright.max(of_median - 3.0));
+    (stops * 10.0).round() / 10.0
 }
 
 /// Checks the extensions of pictures to be written.
@@ -231,9 +237,15 @@ mod tests {
 
     #[test]
     fn the_automatic_exposure_brings_the_median_to_middle_grey() {
-        let image = Image::from_pixels(4, 1, [0.0, 0.36, 0.36, 50.0].map(Rgb::splat).to_vec());
+        let image = Image::from_pixels(4, 1, [0.0, 0.36, 0.36, 0.72].map(Rgb::splat).to_vec());
         assert_eq!(automatic_exposure(&image), -1.0);
         assert_eq!(automatic_exposure(&Image::new(2, 2)), 0.0);
+        // A tenth of the pixels is brighter: brought to 1, by three stops at most.
+        let tenth = |bright: f32| {
+            let value = |i: u8| Rgb::splat(if i < 90 { 0.18 } else { bright });
+            Image::from_pixels(10, 10, (0..100).map(value).collect())
+        };
+        assert_eq!([0.5, 1.0, 4.0, 46.0].map(|bright| automatic_exposure(&tenth(bright))), [0.0, 0.0, -2.0, -3.0]);
     }
 
     #[test]

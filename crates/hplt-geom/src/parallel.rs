@@ -39,3 +39,15 @@ pub fn try_map<S, T: Send, E: Send>(
         (0..n).map(|i| f(&mut scratch, i)).collect()
     }
 }
+
+/// What `a` and `b` return, which run side by side where a thread is free.
+pub fn join<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+    #[cfg(feature = "rayon")]
+    {
+        rayon::join(a, b)
+    }
+    #[cfg(not(feature = "rayon"))]
+    {
+        (a(), b())
+    }
+}

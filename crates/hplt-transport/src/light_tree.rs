@@ -29,6 +29,34 @@ const SLACK: f32 = 1e-4;
 /// Cones narrower than this cosine are also tested as planes, and the sine of such a cone, rounded up.
 const NARROW: (f32, f32) = (1.0 - 1e-5, 5e-3);
 
+/// What the tree is built from: emitters are moved about as a whole, so that memory is read in order.
+#[derive(Clone, Copy)]
+struct Member {
+    id: u32,
+    power: f32,
+    /// Centre and normal.
+    keys: [Vec3; 2],
+    min: Vec3,
+    max: Vec3,
+}
+
+impl Member {
+    fn of(id: u32, emitter: &Emitter) -> Self {
+        let bounds = |f: fn(Vec3, Vec3) -> Vec3, from| emitter.corners.iter().copied().fold(from, f);
+        Self {
+            id,
+            power: emitter.power,
+            keys: [emitter.corners.center(), emitter.normal],
+            min: bounds(Vec3::min, Vec3::INFINITY),
+            max: bounds(Vec3::max, Vec3::NEG_INFINITY),
+        }
+    }
+
+    fn normal(&self) -> Vec3 {
+        self.keys[1]
+    }
+}
+
 /// A set of emitters as a point from afar sees it.
 #[derive(Debug, Clone, Copy)]
 struct Node {
@@ -45,21 +73,19 @@ struct Node {
 }
 
 impl Node {
-    fn of(emitters: &[Emitter], members: &[u32]) -> (Self, Extents) {
+    fn of(members: &[Member]) -> (Self, Extents) {
         let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let mut extents = Extents::default();
-        let (mut power, mut axis) = (0.0f64, Vec3::ZERO);
-        for e in members.iter().map(|&i| &emitters[i as usize]) {
-            for &corner in e.corners.iter() {
-                (min, max) = (min.min(corner), max.max(corner));
-            }
-            extents.include(e);
-            power += f64::from(e.power);
-            axis += e.normal;
+        let mut axis = Vec3::ZERO;
+        for member in members {
+            (min, max) = (min.min(member.min), max.max(member.max));
+            extents.include(member);
+            axis += member.normal();
         }
         let axis = axis.try_normalize().unwrap_or(Vec3::Z);
-        let cos = members.iter().map(|&i| emitters[i as usize].normal.dot(axis)).fold(1.0, f32::min);
-        (Self { min, max, axis, cos_spread: (cos - 1e-6).max(-1.0), power: power as f32, next: 0, count: 0 }, extents)
+        let cos = members.iter().map(|member| member.normal().dot(axis)).fold(1.0, f32::min);
+        let (cos_spread, power) = ((cos - 1e-6).max(-1.0), extents.power as f32);
+        (Self { min, max, axis, cos_spread, power, next: 0, count: 0 }, extents)
     }
 
     /// About what its members bring to a point together, and 0 only where none of them brings anything.
@@ -130,10 +156,10 @@ struct Extents {
 }
 
 impl Extents {
-    fn include(&mut self, emitter: &Emitter) {
-        let power = f64::from(emitter.power);
+    fn include(&mut self, member: &Member) {
+        let power = f64::from(member.power);
         self.power += power;
-        for (k, value) in keys(emitter).into_iter().enumerate() {
+        for (k, value) in member.keys.into_iter().enumerate() {
             let value = value.as_dvec3();
             self.sum[k] += power * value;
             self.squares[k] += power * value * value;
@@ -152,11 +178,6 @@ impl Extents {
     }
 }
 
-/// Centre and normal.
-fn keys(emitter: &Emitter) -> [Vec3; 2] {
-    [emitter.corners.center(), emitter.normal]
-}
-
 /// A tree over emitters that are kept in its order.
 #[derive(Debug, Clone)]
 pub(crate) struct LightTree {
@@ -170,10 +191,12 @@ pub(crate) type Cut = Vec<(u32, f64)>;
 impl LightTree {
     /// A tree over `emitters`, which it puts into its order. About n·log n steps, the halves of large nodes in parallel.
     pub fn build(emitters: &mut Vec<Emitter>) -> Self {
-        let all: Vec<u32> = (0..emitters.len() as u32).collect();
+        let mut members: Vec<Member> = (0..).zip(&*emitters).map(|(id, emitter)| Member::of(id, emitter)).collect();
         let mut nodes = Vec::new();
-        let order = if all.is_empty() { all } else { branch(emitters, all, (0, 0), &mut nodes) };
-        *emitters = order.iter().map(|&i| emitters[i as usize].clone()).collect();
+        if !members.is_empty() {
+            grow(&mut members, (0, 0), &mut nodes);
+        }
+        *emitters = members.iter().map(|member| emitters[member.id as usize].clone()).collect();
         Self { nodes }
     }
 
@@ -242,54 +265,45 @@ impl Node {
     }
 }
 
-/// Appends the nodes of `members` and returns these in their order. `first` is the number of emitters before them.
-fn branch(emitters: &[Emitter], mut members: Vec<u32>, (first, depth): (u32, u32), nodes: &mut Vec<Node>) -> Vec<u32> {
-    if members.len() < PARALLEL {
-        grow(emitters, &mut members, (first, depth), nodes);
-        return members;
-    }
-    let (node, extents) = Node::of(emitters, &members);
-    let n_left = divide(emitters, &mut members, &extents, depth);
-    let firsts = [first, first + n_left as u32];
-    let parts = [&members[..n_left], &members[n_left..]];
-    let halves = parallel::map(
-        2,
-        || (),
-        |(), i| {
-            let mut nodes = Vec::new();
-            (branch(emitters, parts[i].to_vec(), (firsts[i], depth + 1), &mut nodes), nodes)
-        },
-    );
-    nodes.push(Node { next: 1 + halves[0].1.len() as u32, ..node });
-    halves.iter().for_each(|(_, of_half)| nodes.extend_from_slice(of_half));
-    halves.into_iter().flat_map(|(order, _)| order).collect()
-}
-
-/// The same in place.
-fn grow(emitters: &[Emitter], members: &mut [u32], (first, depth): (u32, u32), nodes: &mut Vec<Node>) {
-    let (node, extents) = Node::of(emitters, members);
+/// Appends the nodes of `members` and puts these in their order. `first` is the number of emitters before them.
+fn grow(members: &mut [Member], (first, depth): (u32, u32), nodes: &mut Vec<Node>) {
+    let (node, extents) = Node::of(members);
     let at = nodes.len();
     if members.len() <= LEAF {
         nodes.push(Node { next: first, count: members.len() as u32, ..node });
         return;
     }
     nodes.push(node);
-    let n_left = divide(emitters, members, &extents, depth);
+    let in_parallel = members.len() >= PARALLEL;
+    let n_left = divide(members, &extents, depth);
     let (left, right) = members.split_at_mut(n_left);
-    grow(emitters, left, (first, depth + 1), nodes);
-    nodes[at].next = (nodes.len() - at) as u32;
-    grow(emitters, right, (first + n_left as u32, depth + 1), nodes);
+    let (of_left, of_right) = ((first, depth + 1), (first + n_left as u32, depth + 1));
+    if in_parallel {
+        let apart = |members, of| {
+            let mut nodes = Vec::new();
+            grow(members, of, &mut nodes);
+            nodes
+        };
+        let (left, right) = parallel::join(|| apart(left, of_left), || apart(right, of_right));
+        nodes[at].next = 1 + left.len() as u32;
+        nodes.extend(left);
+        nodes.extend(right);
+    } else {
+        grow(left, of_left, nodes);
+        nodes[at].next = (nodes.len() - at) as u32;
+        grow(right, of_right, nodes);
+    }
 }
 
 /// Sorts the members of the first child to the front and returns how many they are: at least one, and not all.
-fn divide(emitters: &[Emitter], members: &mut [u32], extents: &Extents, depth: u32) -> usize {
+fn divide(members: &mut [Member], extents: &Extents, depth: u32) -> usize {
     let half = members.len() / 2;
     let Some((k, c, middle)) = extents.split() else { return half };
-    let key = |i: u32| keys(&emitters[i as usize])[k][c];
+    let key = |member: &Member| member.keys[k][c];
     if depth < MAX_UNEVEN_DEPTH {
         let mut n_left = 0;
         for i in 0..members.len() {
-            if key(members[i]) < middle {
+            if key(&members[i]) < middle {
                 members.swap(i, n_left);
                 n_left += 1;
             }
@@ -298,7 +312,7 @@ fn divide(emitters: &[Emitter], members: &mut [u32], extents: &Extents, depth: u
             return n_left;
         }
     }
-    members.select_nth_unstable_by(half, |&a, &b| key(a).total_cmp(&key(b)).then(a.cmp(&b)));
+    members.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.id.cmp(&b.id)));
     half
 }
 
