@@ -6,8 +6,8 @@ use crate::{DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_g
 
 /// What the noise of the gathers may be of what is measured with them.
 const TELLING: f64 = 0.5;
-/// [`FinalGatherOptions::contact`] of these gathers. What is read near a point is wrong as what is judged there is, in hollows above
-/// all: paths go on until they are well away from it.
+/// [`FinalGatherOptions::contact`] of these gathers. What is read near a point is as wrong as what is judged there, in hollows above
+/// all: paths that land within so many supports go on.
 const APART: f32 = 4.0;
 /// The 99th percentile of the normal distribution.
 const NORMAL_99: f64 = 2.326;
