@@ -2,10 +2,13 @@ use hplt_geom::radiometry::luminance;
 use hplt_geom::{Interrupted, OrientedPoint, Progress, Rgb};
 use hplt_sampling::random::Stage;
 
-use crate::{CONTACT, DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_gather_more};
+use crate::{DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_gather_more};
 
 /// What the noise of the gathers may be of what is measured with them.
 const TELLING: f64 = 0.5;
+/// [`FinalGatherOptions::contact`] of these gathers. What is read near a point is as wrong as what is judged there, in hollows above
+/// all: paths that land within so many supports go on.
+const APART: f32 = 4.0;
 /// The 99th percentile of the normal distribution.
 const NORMAL_99: f64 = 2.326;
 
@@ -57,8 +60,8 @@ pub struct ErrorProbe<'a> {
 
 /// Measures what was found at points against gathers of fresh rays over `sender`, the indirect irradiance as gathers read it.
 ///
-/// Neither the estimate nor the bound sees errors that both share, bounces left out above all
-/// ([`TransportReport::truncation_bound`](crate::TransportReport)).
+/// The gathers read `sender` only some supports away from a point. Neither the estimate nor the bound sees errors that both share
+/// even so, bounces left out above all ([`TransportReport::truncation_bound`](crate::TransportReport)).
 ///
 /// # Errors
 /// When interrupted.
@@ -73,7 +76,7 @@ pub fn estimate_error<E>(
     let all: Vec<usize> = (0..twice.len()).collect();
     let mut halves = vec![FinalGather::default(); twice.len()];
     loop {
-        let options = FinalGatherOptions { n_rays: n_rays / 2, stage: Stage::Error, seed, light, contact: CONTACT };
+        let options = FinalGatherOptions { n_rays: n_rays / 2, stage: Stage::Error, seed, light, contact: APART };
         final_gather_more(model, sender, (&twice, &all), &mut halves, options, progress)?;
         let (estimate, measured) = judge(&probe, halves.split_at(points.len()), n_rays);
         if estimate.noise <= TELLING * measured || 2 * n_rays > most {
