@@ -26,11 +26,14 @@
 struct Readme;
 
 mod counter;
+mod edges;
 mod error;
 mod evaluate;
+mod facet;
 mod flat_splat;
 mod flatten;
 mod gbuffer;
+mod lattice;
 mod patches;
 mod projection;
 mod report;
@@ -38,11 +41,13 @@ mod shade;
 mod splat;
 mod tiles;
 
+pub use edges::{Edges, uneven, widened};
 pub use error::Error;
 pub use evaluate::evaluate;
 pub use flat_splat::splat_flattened;
 pub use flatten::{FlattenReport, Flattened, flatten_absolute, flatten_delta};
 pub use gbuffer::{GBuffer, GBufferOptions};
+pub use lattice::{Arriving, read_where_it_changes};
 pub use patches::Patches;
 pub use projection::{PixelRect, Projection};
 pub use report::{SplatReport, Splatted};
