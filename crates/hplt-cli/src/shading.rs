@@ -30,12 +30,7 @@ pub struct Arrived {
 ///
 /// # Errors
 /// When stopped, and when there would be too many samples.
-pub fn shade(
-    run: &mut Run<'_>,
-    lit: &Lit<'_>,
-    camera: &Camera,
-    size: Size,
-) -> Result<(GBuffer, Arrived), Failure> {
+pub fn shade(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Result<(GBuffer, Arrived), Failure> {
     let settings = run.settings;
     let to_the_end = run.reporter.to_the_end();
     let progress: &dyn Progress = if lit.is_cut_short { &to_the_end } else { run.reporter };

@@ -73,8 +73,7 @@ pub fn read_where_it_changes<E>(
 ) -> Result<Vec<Arriving>, E> {
     assert_eq!(is_wanted.len(), gbuffer.n_pixels(), "one wish per pixel");
     let blocks = Block::all(gbuffer);
-    let mut is_split =
-        parallel::map(blocks.len(), || (), |(), i| !blocks[i].is_one_surface(gbuffer, is_wanted));
+    let mut is_split = parallel::map(blocks.len(), || (), |(), i| !blocks[i].is_one_surface(gbuffer, is_wanted));
     let mut light: Vec<Option<Arriving>> = vec![None; gbuffer.n_pixels()];
     let mut due = vec![false; gbuffer.n_pixels()];
     for (block, &is_split) in blocks.iter().zip(&is_split) {

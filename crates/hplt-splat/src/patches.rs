@@ -54,7 +54,8 @@ impl Patches {
         let (first_patch, first_sample) = (self.middles.len(), self.of_sample.len());
         // For now the first sample of each.
         for sample in samples.clone() {
-            let is_same = |&p: &usize| gbuffer.facet(self.middles[p] as usize).continues_at(&gbuffer.facet(sample), SAME_NORMAL);
+            let is_same =
+                |&p: &usize| gbuffer.facet(self.middles[p] as usize).continues_at(&gbuffer.facet(sample), SAME_NORMAL);
             let patch = match (first_patch..self.middles.len()).find(is_same) {
                 _ if gbuffer.is_background(sample) => Self::NONE,
                 Some(known) => known as u32,
