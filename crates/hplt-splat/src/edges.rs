@@ -12,7 +12,7 @@ const SAME_NORMAL: f32 = 0.9;
 /// The pixels of a picture that one sample is not enough for, by what the samples of their neighbours see.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edges {
-    /// Another piece of surface is next to it: one pixel of another depth or normal, or background.
+    /// Next to it is another piece of surface, by depth or normal, or background.
     pub of_surface: Vec<bool>,
     /// Albedo or emission is another next to it.
     pub of_colour: Vec<bool>,
