@@ -33,6 +33,7 @@ mod scene_hash;
 mod sections;
 mod session;
 mod settings;
+mod shading;
 mod sky;
 mod snap;
 mod solution;

@@ -3,17 +3,15 @@
 use std::path::Path;
 
 use hplt_geom::radiometry::luminance;
-use hplt_geom::{Camera, Image, OrientedPoint, Progress, Rgb};
+use hplt_geom::{Camera, Image, Rgb};
 use hplt_io::{ExrImage, ExrPrecision, ExrSamples, PngOptions, ToneMap, write_exr, write_png};
-use hplt_sampling::random::Stage;
-use hplt_splat::{GBuffer, GBufferOptions, LayerValues, Patches, layers, radiance};
-use hplt_transport::{DirectOptions, direct_irradiance};
+use hplt_splat::{GBuffer, LayerValues, layers, radiance};
 
 use crate::exit::{Exit, Failure};
-use crate::indirect::{Gathered, indirect_light};
 use crate::job::{Lit, Run};
 use crate::outputs::extension;
-use crate::sections::{Display, RenderSection, ToneMapName};
+use crate::sections::{RenderSection, ToneMapName};
+use crate::shading::{Arrived, shade};
 use crate::values::Size;
 
 /// A picture with everything that is known per sample.
@@ -25,100 +23,15 @@ pub struct Picture {
     pub radiance: Image,
 }
 
-/// What the samples of a pixel that see the same surface have in common.
-struct Shared {
-    patches: Patches,
-    /// By patch.
-    queries: Vec<OrientedPoint>,
-}
-
-/// Takes a picture of a lit scene.
-///
-/// Direct light is shaded per sample, indirect light comes from the field in the way that the settings name. After an early
-/// stop both are read from the field, with one sample per pixel, so that it is over soon.
+/// Takes a picture of a lit scene. After an early stop it is a rough one, so that it is over soon.
 ///
 /// # Errors
 /// When stopped, and when a pixel is not finite.
 pub fn take(run: &mut Run<'_>, lit: &Lit<'_>, camera: &Camera, size: Size) -> Result<Picture, Failure> {
-    let settings = run.settings;
-    let to_the_end = run.reporter.to_the_end();
-    let progress: &dyn Progress = if lit.is_cut_short { &to_the_end } else { run.reporter };
-    let options = GBufferOptions {
-        width: size.width as u32,
-        height: size.height as u32,
-        samples_per_axis: if lit.is_cut_short { 1 } else { settings.samples as u32 },
-        seed: settings.transport.seed,
-    };
-    let gbuffer = run.stage("g-buffer", |_| {
-        let mut gbuffer = GBuffer::trace(lit.scene, &lit.bvh, camera, options, progress)?;
-        let patches = Patches::of(&gbuffer);
-        let regions = lit.regions.locate(lit.scene, &lit.bvh, &patches.surface_points(&gbuffer));
-        patches.set_regions(&mut gbuffer, &regions);
-        let queries = patches.queries(&gbuffer);
-        Ok::<_, hplt_splat::Error>((gbuffer, Shared { patches, queries }))
-    });
-    let (gbuffer, shared) = gbuffer.map_err(splat_failure)?;
-    run.report.enter_memory("g-buffer", gbuffer.memory());
-    let direct =
-        run.stage("direct light of pixels", |_| shade_direct(lit, &gbuffer, settings.transport.seed, progress))?;
-    let (indirect, n_gathered) =
-        run.stage("indirect light of pixels", |run| shade_indirect(run, lit, (&gbuffer, &shared), &direct, progress))?;
-    run.report.more.insert("patches".into(), shared.queries.len().into());
-    run.report.more.insert("gathered".into(), n_gathered.into());
+    let (gbuffer, Arrived { direct, indirect }) = shade(run, lit, camera, size)?;
     let radiance = radiance(&gbuffer, &direct, &indirect);
     check_finite(&radiance)?;
     Ok(Picture { gbuffer, direct, indirect, radiance })
-}
-
-fn shade_direct(lit: &Lit<'_>, gbuffer: &GBuffer, seed: u64, progress: &dyn Progress) -> Result<Vec<Rgb>, Failure> {
-    let queries = gbuffer.queries();
-    if lit.is_cut_short {
-        return Ok(lit.field.direct_at(&lit.model(), &queries));
-    }
-    // The samples of a pixel share the work.
-    let per_pixel = gbuffer.samples_per_pixel().next_power_of_two() as u32;
-    let base = DirectOptions::display();
-    let options = DirectOptions {
-        seed,
-        light_samples: (base.light_samples / per_pixel).max(4),
-        sky_samples: (base.sky_samples / per_pixel).max(16),
-        ..base
-    };
-    let lights = lit.lights.with_options(options);
-    Ok(direct_irradiance(&lights, &lit.bvh, &queries, Stage::Shading, progress)?)
-}
-
-/// Indirect light of every sample, and how many patches or samples were gathered.
-fn shade_indirect(
-    run: &Run<'_>,
-    lit: &Lit<'_>,
-    (gbuffer, shared): (&GBuffer, &Shared),
-    direct: &[Rgb],
-    progress: &dyn Progress,
-) -> Result<(Vec<Rgb>, usize), Failure> {
-    let settings = run.settings;
-    if lit.field.is_evaluated(settings.display) || lit.is_cut_short {
-        // Of no use where nothing may take long any more.
-        let doubtful_rays = if lit.is_cut_short { 0 } else { settings.doubtful_rays };
-        let gathered: &Gathered<'_> =
-            if doubtful_rays == 0 { &Gathered::Only(&|_| false) } else { &Gathered::Doubtful(&|_| false) };
-        let direct = shared.patches.means(direct);
-        let found = indirect_light((lit, settings), &shared.queries, &direct, (gathered, doubtful_rays), progress)?;
-        return Ok((shared.patches.spread(&found.irradiance, Rgb::ZERO), found.n_gathered));
-    }
-    if settings.display != Display::FinalGather {
-        return Ok((lit.field.splat(&lit.model(), settings.display == Display::Flatten, gbuffer, progress)?, 0));
-    }
-    let gathered = (&Gathered::All, settings.gather_rays);
-    let found = indirect_light((lit, settings), &gbuffer.queries(), direct, gathered, progress)?;
-    Ok((found.irradiance, found.n_gathered))
-}
-
-fn splat_failure(error: hplt_splat::Error) -> Failure {
-    match error {
-        hplt_splat::Error::Interrupted(_) => Failure::interrupted(),
-        _ => Failure::usage(error.to_string()),
-    }
 }
 
 /// Fails with the place of the first pixel that is not finite.

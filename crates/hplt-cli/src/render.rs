@@ -50,7 +50,8 @@ fn render(run: &mut Run<'_>, args: &RenderArgs) -> Result<(), Failure> {
     let (camera, note) = camera::choose(lit.scene, &lit.bvh, &render)?;
     let size = camera::picture_size(&camera, render.size);
     if !args.common.output.quiet {
-        say(&format!("camera    {note}; {size} pixels, {0} x {0} samples each", run.settings.samples));
+        let where_taken = if run.settings.every_pixel { "in each" } else { "at edges" };
+        say(&format!("camera    {note}; {size} pixels, {0} x {0} samples {where_taken}", run.settings.samples));
     }
     run.check_strict()?;
     let picture = match take(run, &lit, &camera, size) {

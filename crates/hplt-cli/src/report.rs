@@ -226,7 +226,10 @@ impl RunReport {
 
     /// Enters the time of a stage.
     pub fn enter_stage(&mut self, stage: &'static str, seconds: f64) {
-        self.stages.push(StageTime { stage, seconds });
+        match self.stages.iter_mut().find(|row| row.stage == stage) {
+            Some(row) => row.seconds += seconds,
+            None => self.stages.push(StageTime { stage, seconds }),
+        }
         self.seconds += seconds;
     }
 

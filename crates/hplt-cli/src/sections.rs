@@ -105,13 +105,18 @@ pub struct RenderSection {
     /// Size of the picture in pixels [default: the aspect of the camera, 720 across]
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
-    /// Samples per pixel along each side, 1 to 16 [default: 2]
+    /// Samples along each side of a pixel where there is an edge of a surface, a texture or a shadow, 1 to 16; others take one
+    /// [default: 4]
     #[arg(long, value_name = "N")]
     pub samples: Option<usize>,
+    /// Take all samples in every pixel and read the light in each, instead of where neighbours differ: slow, but nothing thinner than
+    /// a pixel is overlooked
+    #[arg(long, num_args = 0..=1, require_equals = true, default_missing_value = "true", value_name = "BOOL")]
+    pub every_pixel: Option<bool>,
     /// How indirect light gets to the pixels [default: evaluate]
     #[arg(long)]
     pub display: Option<Display>,
-    /// Rays per pixel sample of --display final-gather, a power of two [default: 64]
+    /// Rays of --display final-gather at every point that is read, a power of two [default: 64]
     #[arg(long, value_name = "N")]
     pub gather_rays: Option<u32>,
     /// Rays, at most, of pixels where interpolation cannot be trusted, a power of two; 0: interpolate there too [default: 0]
@@ -284,6 +289,6 @@ macro_rules! layered {
 layered!(SceneSection: clamp_materials, drop_bad, one_sided, allow_empty, length_scale, light_unit, max_albedo);
 layered!(SolveSection: preset, variant, reconstruction, solver, levels, radius, rays, sender_levels, threshold,
     relative_threshold, noise_factor, bounces, tolerance, seed);
-layered!(RenderSection: camera, eye, target, up, fov, size, samples, display, gather_rays, doubtful_rays, exposure,
+layered!(RenderSection: camera, eye, target, up, fov, size, samples, every_pixel, display, gather_rays, doubtful_rays, exposure,
     tone_map);
 layered!(RunSection: threads, max_memory, max_time, progress, strict);

@@ -43,12 +43,14 @@ pub struct Settings {
     pub must_converge: bool,
     /// How light gets to pixels.
     pub display: Display,
-    /// Rays per pixel sample of a final gather.
+    /// Rays of a final gather per point of a picture.
     pub gather_rays: u32,
     /// Rays, at most, of a gather at pixels where interpolation cannot be trusted; 0 for none.
     pub doubtful_rays: u32,
-    /// Samples per pixel along each side.
+    /// Samples along each side of a pixel that an edge is in.
     pub samples: usize,
+    /// Whether all pixels are sampled and shaded as if an edge were in them.
+    pub every_pixel: bool,
     /// Whether nothing is written unless it is converged.
     pub strict: bool,
 }
@@ -112,7 +114,8 @@ impl Settings {
             display: config.render.display.unwrap_or(Display::Evaluate),
             gather_rays: config.render.gather_rays.unwrap_or(64),
             doubtful_rays: config.render.doubtful_rays.unwrap_or(0),
-            samples: config.render.samples.unwrap_or(2),
+            samples: config.render.samples.unwrap_or(4),
+            every_pixel: config.render.every_pixel.unwrap_or(false),
             strict: config.run.strict.unwrap_or(false),
             config,
             with_origins,
@@ -188,7 +191,8 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
             seed: Some(transport.seed),
         },
         render: RenderSection {
-            samples: Some(2),
+            samples: Some(4),
+            every_pixel: Some(false),
             display: Some(Display::Evaluate),
             gather_rays: Some(64),
             doubtful_rays: Some(0),

@@ -79,7 +79,8 @@ fn a_render_writes_what_is_asked_and_says_it_in_one_json_document() {
 #[test]
 fn pixels_that_interpolation_cannot_be_trusted_at_are_gathered_on_request() {
     let folder = Folder::new();
-    let args = ["render", "gen:cornell", "--size", "24x24", "--eye", "0.278,0.4,0.05", "--target", "0.278,0,0.45"];
+    let view = ["--size", "24x24", "--eye", "0.278,0.4,0.05", "--target", "0.278,0,0.45", "--every-pixel"];
+    let args = [&["render", "gen:cornell"], &view[..]].concat();
     let render = |name: &str, flags: &[&str]| {
         let report = folder.tiny(&[&args[..], &["-o", name, "--json"], flags].concat()).ok().json();
         let count = |key: &str| report["more"][key].as_u64().unwrap();
@@ -97,11 +98,33 @@ fn pixels_that_interpolation_cannot_be_trusted_at_are_gathered_on_request() {
     assert!(error("some.exr") < error("plain.exr"), "{:?} {:?}", error("some.exr"), error("plain.exr"));
 }
 
+/// A picture with more samples at edges alone is nearly one with as many everywhere.
+#[test]
+fn edges_take_more_samples_and_all_else_takes_one() {
+    let folder = Folder::new();
+    let render = |name: &str, flags: &[&str]| {
+        let args = ["render", "gen:cornell", "--size", "64x64", "-o", name, "--json"];
+        let report = folder.tiny(&[&args[..], flags].concat()).ok().json();
+        ["samples", "read"].map(|key| report["more"][key].as_u64().unwrap())
+    };
+    let every = render("every.exr", &["--every-pixel"]);
+    let some = render("some.exr", &[]);
+    let one = render("one.exr", &["--samples", "1"]);
+    assert_eq!((every[0], one[0]), (16 * 64 * 64, 64 * 64));
+    assert!(one[0] < some[0] && some[0] < every[0] * 3 / 4 && some[1] < every[1], "{one:?} {some:?} {every:?}");
+    let error = |name: &str| {
+        let report = folder.run(&["compare", name, "every.exr", "--json"]).ok().json();
+        report["figures"]["mean"].as_f64().unwrap()
+    };
+    let [some, one] = [error("some.exr"), error("one.exr")];
+    assert!(some < 0.01 && one > 3.0 * some, "{some} {one}");
+}
+
 #[test]
 fn all_displays_show_about_the_same_picture() {
     let folder = Folder::new();
-    let args =
-        ["render", "gen:cornell-closed", "--size", "24x24", "--eye", "0.28,0.27,0.05", "--target", "0.28,0.2,0.5"];
+    let view = ["--size", "24x24", "--eye", "0.28,0.27,0.05", "--target", "0.28,0.2,0.5", "--every-pixel"];
+    let args = [&["render", "gen:cornell-closed"], &view[..]].concat();
     for variant in ["delta", "absolute"] {
         for display in ["evaluate", "splat", "flatten", "final-gather"] {
             let name = format!("{display}.exr");

@@ -1,7 +1,7 @@
 use std::io::{BufWriter, Cursor};
 use std::path::Path;
 
-use hplt_geom::{Image, Rgb};
+use hplt_geom::{Image, Rgb, parallel};
 
 use crate::files::{any_content, read_regular};
 use crate::{Error, Limits, srgb, write_atomically};
@@ -56,12 +56,17 @@ impl ToneMap {
 /// # Errors
 /// [`Error::Write`] when the file cannot be written, and when the picture is empty.
 pub fn write_png(path: &Path, image: &Image, options: &PngOptions, metadata: &[(String, String)]) -> Result<(), Error> {
-    let bytes: Vec<u8> = image.pixels().iter().flat_map(|&pixel| encoded(pixel, options)).collect();
+    let scale = options.exposure_ev.exp2();
+    let rows: Vec<_> = image.pixels().chunks(image.width().max(1)).collect();
+    let encoded = |row: &[Rgb]| row.iter().flat_map(|&pixel| encoded(pixel * scale, options.tone_map)).collect();
+    let rows: Vec<Vec<u8>> = parallel::map(rows.len(), || (), |(), y| encoded(rows[y]));
+    let bytes = rows.concat();
     write_atomically(path, |file| {
         let size = |n: usize| u32::try_from(n).map_err(std::io::Error::other);
         let mut encoder = png::Encoder::new(BufWriter::new(file), size(image.width())?, size(image.height())?);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.add_itxt_chunk("hplt.exposure_ev".into(), options.exposure_ev.to_string())?;
         encoder.add_itxt_chunk("hplt.tone_map".into(), options.tone_map.name().into())?;
@@ -108,10 +113,8 @@ fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Error> {
     Ok(Image::from_pixels(width as usize, height as usize, pixels))
 }
 
-fn encoded(pixel: Rgb, options: &PngOptions) -> [u8; 3] {
-    (pixel * options.exposure_ev.exp2())
-        .to_array()
-        .map(|x| if x > 0.0 { srgb::encode(options.tone_map.apply(x)) } else { 0 })
+fn encoded(pixel: Rgb, tone_map: ToneMap) -> [u8; 3] {
+    pixel.to_array().map(|x| if x > 0.0 { srgb::encode(tone_map.apply(x)) } else { 0 })
 }
 
 /// A keyword that the format accepts: 1 to 79 printable Latin characters.

@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::{
     Camera, Frame, Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, Scene, TriangleId,
@@ -6,6 +8,7 @@ use hplt_geom::{
 use hplt_sampling::random::{Stage, Stream, unit_f32};
 
 use crate::counter::Counter;
+use crate::facet::Facet;
 use crate::{Error, Projection};
 
 /// Pixels per unit of parallel work.
@@ -38,7 +41,16 @@ impl GBufferOptions {
         Self { samples_per_axis: 3, ..Self::preview(width, height) }
     }
 
+    fn samples_per_pixel(&self) -> usize {
+        self.samples_per_axis.pow(2) as usize
+    }
+
     fn check(&self) -> Result<(), Error> {
+        self.check_for(self.width as usize * self.height as usize, 0)
+    }
+
+    /// For so many pixels, and so many samples besides.
+    fn check_for(&self, n_pixels: usize, n_others: usize) -> Result<(), Error> {
         let expected = "1 or more";
         for (name, value) in
             [("width", self.width), ("height", self.height), ("samples_per_axis", self.samples_per_axis)]
@@ -48,7 +60,7 @@ impl GBufferOptions {
             }
         }
         let per_pixel = u64::from(self.samples_per_axis).pow(2);
-        let samples = (u64::from(self.width) * u64::from(self.height)).saturating_mul(per_pixel);
+        let samples = (n_pixels as u64).saturating_mul(per_pixel).saturating_add(n_others as u64);
         if samples > MAX_SAMPLES {
             return Err(Error::Option { name: "width × height × samples", value: samples, expected: "at most 2^31" });
         }
@@ -58,15 +70,16 @@ impl GBufferOptions {
 
 /// What a camera sees, sample by sample, as plain arrays in scene space.
 ///
-/// Sample `s` of the pixel in column `x` and row `y` (rows from the top) is entry `(y·width + x)·n² + s` of every array,
-/// `n` being [`samples_per_axis`](GBufferOptions::samples_per_axis); `s = j·n + i` is the stratum in column `i` and row `j`
-/// of the pixel. A sample that meets no surface is *background*: its triangle is [`TriangleId::NONE`], its depth
-/// infinite, its region [`RegionId::DARK`], its albedo and vectors zero.
+/// Pixels are numbered row by row from the top left, and so are their samples: [`samples_of`](GBuffer::samples_of) a pixel are entries of
+/// every array, `n × n` in as many strata, row by row. A sample that meets no surface is *background*: its triangle is
+/// [`TriangleId::NONE`], its depth infinite, its region [`RegionId::DARK`], its albedo and vectors zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GBuffer {
     options: GBufferOptions,
     projection: Projection,
     frame: Frame,
+    /// The first sample of every pixel, and the end of all.
+    firsts: Vec<u32>,
     samples: Samples,
 }
 
@@ -99,23 +112,77 @@ impl GBuffer {
     ) -> Result<Self, Error> {
         options.check()?;
         let n_pixels = options.width as usize * options.height as usize;
-        let n_chunks = n_pixels.div_ceil(CHUNK);
+        let projection = Projection::new(camera, scene.frame(), options.width, options.height);
+        let (firsts, samples) = (vec![0; n_pixels + 1], Samples::default());
+        let empty = Self { options, projection, frame: *scene.frame(), firsts, samples };
+        empty.resampled(options, (scene, caster, camera), &|_| true, progress)
+    }
+
+    /// The same picture with `samples_per_axis` squared samples in the pixels that are chosen, and the others as they are. In what is
+    /// cast anew, surface samples start in region 0.
+    ///
+    /// # Errors
+    /// When there are none or too many samples, or when interrupted.
+    ///
+    /// # Panics
+    /// When `is_chosen` has not one entry per pixel.
+    pub fn refined(
+        &self,
+        (scene, caster, camera): (&Scene, &dyn RayCaster, &Camera),
+        is_chosen: &[bool],
+        samples_per_axis: u32,
+        progress: &dyn Progress,
+    ) -> Result<Self, Error> {
+        assert_eq!(is_chosen.len(), self.n_pixels(), "one choice per pixel");
+        let options = GBufferOptions { samples_per_axis, ..self.options };
+        let n_kept: usize = (0..self.n_pixels()).filter(|&p| !is_chosen[p]).map(|p| self.samples_of(p).len()).sum();
+        options.check_for(is_chosen.iter().filter(|c| **c).count(), n_kept)?;
+        self.resampled(options, (scene, caster, camera), &|pixel| is_chosen[pixel], progress)
+    }
+
+    /// Casts the rays of the pixels that are chosen, and takes the samples of the others from `self`.
+    fn resampled(
+        &self,
+        options: GBufferOptions,
+        (scene, caster, camera): (&Scene, &dyn RayCaster, &Camera),
+        is_chosen: &(dyn Fn(usize) -> bool + Sync),
+        progress: &dyn Progress,
+    ) -> Result<Self, Error> {
+        let n_chunks = self.n_pixels().div_ceil(CHUNK);
         let counter = Counter::new(progress, "g-buffer", n_chunks);
         let chunks = parallel::try_map(n_chunks, Vec::new, |hits, chunk| {
             counter.step()?;
-            let pixels = chunk * CHUNK..((chunk + 1) * CHUNK).min(n_pixels);
-            let rays: Vec<Ray> = pixels.flat_map(|pixel| pixel_rays(scene, camera, &options, pixel)).collect();
+            let pixels = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.n_pixels());
+            let chosen = pixels.clone().filter(|&pixel| is_chosen(pixel));
+            let rays: Vec<Ray> = chosen.flat_map(|pixel| pixel_rays(scene, camera, &options, pixel)).collect();
             hits.clear();
             hits.resize(rays.len(), Hit::MISS);
             caster.trace_nearest(&rays, hits);
-            let mut samples = Samples::with_capacity(rays.len());
-            rays.iter().zip(&*hits).for_each(|(ray, hit)| samples.push(scene, camera, ray, hit));
-            Ok::<_, Interrupted>(samples)
+            let mut cast = rays.iter().zip(&*hits);
+            let n_kept = self.firsts[pixels.end] - self.firsts[pixels.start];
+            let mut samples = Samples::with_capacity(rays.len() + n_kept as usize);
+            let mut ends = Vec::with_capacity(CHUNK);
+            for pixel in pixels {
+                if is_chosen(pixel) {
+                    let of_pixel = cast.by_ref().take(options.samples_per_pixel());
+                    of_pixel.for_each(|(ray, hit)| samples.push(scene, camera, ray, hit));
+                } else {
+                    self.samples_of(pixel).for_each(|sample| samples.push_copy(&self.samples, sample));
+                }
+                ends.push(samples.positions.len() as u32);
+            }
+            Ok::<_, Interrupted>((ends, samples))
         })?;
-        let mut samples = Samples::with_capacity(n_pixels * options.samples_per_axis.pow(2) as usize);
-        chunks.into_iter().for_each(|chunk| samples.append(chunk));
-        let projection = Projection::new(camera, scene.frame(), options.width, options.height);
-        Ok(Self { options, projection, frame: *scene.frame(), samples })
+        let n_samples = chunks.iter().map(|(_, samples)| samples.positions.len()).sum();
+        let mut firsts = Vec::with_capacity(self.firsts.len());
+        firsts.push(0);
+        let mut samples = Samples::with_capacity(n_samples);
+        for (ends, chunk) in chunks {
+            let before = samples.positions.len() as u32;
+            firsts.extend(ends.into_iter().map(|end| before + end));
+            samples.append(chunk);
+        }
+        Ok(Self { options, projection: self.projection, frame: self.frame, firsts, samples })
     }
 
     /// Pixels across.
@@ -128,9 +195,14 @@ impl GBuffer {
         self.options.height as usize
     }
 
-    /// Samples in each pixel.
-    pub fn samples_per_pixel(&self) -> usize {
-        self.options.samples_per_axis.pow(2) as usize
+    /// Pixels, background included.
+    pub fn n_pixels(&self) -> usize {
+        self.width() * self.height()
+    }
+
+    /// The samples of a pixel.
+    pub fn samples_of(&self, pixel: usize) -> Range<usize> {
+        self.firsts[pixel] as usize..self.firsts[pixel + 1] as usize
     }
 
     /// All samples, background included.
@@ -199,6 +271,12 @@ impl GBuffer {
         self.samples.triangles[sample] == TriangleId::NONE
     }
 
+    /// What a sample sees, as far as it tells one piece of surface from another.
+    pub(crate) fn facet(&self, sample: usize) -> Facet {
+        let s = &self.samples;
+        Facet { position: s.positions[sample], normals: [s.normals[sample], s.shading_normals[sample]] }
+    }
+
     /// How many samples meet a surface.
     pub fn n_surface_samples(&self) -> usize {
         self.samples.triangles.iter().filter(|&&t| t != TriangleId::NONE).count()
@@ -244,7 +322,7 @@ impl GBuffer {
     /// Bytes that the arrays take.
     pub fn memory(&self) -> usize {
         let bytes = 5 * size_of::<Vec3>() + size_of::<f32>() + size_of::<TriangleId>() + 1 + size_of::<RegionId>();
-        self.n_samples() * bytes
+        self.n_samples() * bytes + self.firsts.len() * size_of::<u32>()
     }
 }
 
@@ -285,6 +363,18 @@ impl Samples {
             self.depths.push(to_point.dot(camera.forward) as f32);
             self.regions.push(RegionId(0));
         }
+    }
+
+    fn push_copy(&mut self, other: &Self, sample: usize) {
+        self.positions.push(other.positions[sample]);
+        self.normals.push(other.normals[sample]);
+        self.shading_normals.push(other.shading_normals[sample]);
+        self.albedos.push(other.albedos[sample]);
+        self.emitted.push(other.emitted[sample]);
+        self.depths.push(other.depths[sample]);
+        self.triangles.push(other.triangles[sample]);
+        self.fronts.push(other.fronts[sample]);
+        self.regions.push(other.regions[sample]);
     }
 
     fn append(&mut self, mut other: Self) {

@@ -88,17 +88,19 @@ fn reflected(gbuffer: &GBuffer, sample: usize, irradiance: Rgb) -> Rgb {
 
 /// The mean of `value` over the samples of each pixel.
 fn filtered(gbuffer: &GBuffer, value: impl Fn(usize) -> Rgb) -> Image {
-    let n = gbuffer.samples_per_pixel();
-    let pixel = |p: usize| (p * n..(p + 1) * n).map(&value).sum::<Rgb>() / n as f32;
-    let pixels = (0..gbuffer.width() * gbuffer.height()).map(pixel).collect();
+    let pixel = |p: usize| {
+        let samples = gbuffer.samples_of(p);
+        let n = samples.len() as f32;
+        samples.map(&value).sum::<Rgb>() / n
+    };
+    let pixels = (0..gbuffer.n_pixels()).map(pixel).collect();
     Image::from_pixels(gbuffer.width(), gbuffer.height(), pixels)
 }
 
 /// The sample of each pixel with the smallest depth, the first of equals.
 fn nearest_samples(gbuffer: &GBuffer) -> Vec<usize> {
-    let n = gbuffer.samples_per_pixel();
     let depth = |i: usize| gbuffer.depths()[i];
-    let nearest =
-        |p: usize| (p * n + 1..(p + 1) * n).fold(p * n, |best, i| if depth(i) < depth(best) { i } else { best });
-    (0..gbuffer.width() * gbuffer.height()).map(nearest).collect()
+    let nearer = |best: usize, i: usize| if depth(i) < depth(best) { i } else { best };
+    let nearest = |p: usize| gbuffer.samples_of(p).reduce(nearer).expect("a pixel has samples");
+    (0..gbuffer.n_pixels()).map(nearest).collect()
 }

@@ -66,18 +66,23 @@ pub(crate) struct Tile {
     pub queries: Vec<OrientedPoint>,
     min: Vec3,
     max: Vec3,
-    samples_per_pixel: usize,
+    /// The first query of every pixel, row by row, and the end of all.
+    firsts: Vec<usize>,
     pub report: SplatReport,
 }
 
 impl Tile {
     fn fill(&mut self, gbuffer: &GBuffer, raster: Raster, index: usize) {
         let rect = raster.rect(index);
-        self.samples_per_pixel = gbuffer.samples_per_pixel();
         self.queries.clear();
+        self.firsts.clear();
         for row in rect.min[1]..rect.max[1] {
-            self.queries.extend(row_samples(gbuffer, &rect, row).map(|i| gbuffer.query(i)));
+            for pixel in row_pixels(gbuffer, &rect, row) {
+                self.firsts.push(self.queries.len());
+                self.queries.extend(gbuffer.samples_of(pixel).map(|i| gbuffer.query(i)));
+            }
         }
+        self.firsts.push(self.queries.len());
         (self.index, self.rect) = (index, Some(rect));
         (self.min, self.max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         self.report = SplatReport::default();
@@ -104,11 +109,11 @@ impl Tile {
             }
             let Some(rect) = bins.rects[entry as usize].as_ref().and_then(|r| r.intersection(&tile)) else { continue };
             self.report.tiles += 1;
-            self.report.weights += rect.area() * self.samples_per_pixel as u64;
             for row in rect.min[1]..rect.max[1] {
                 let first = (row - tile.min[1]) as usize * columns + (rect.min[0] - tile.min[0]) as usize;
                 let last = first + (rect.max[0] - rect.min[0]) as usize;
-                for sample in first * self.samples_per_pixel..last * self.samples_per_pixel {
+                self.report.weights += (self.firsts[last] - self.firsts[first]) as u64;
+                for sample in self.firsts[first]..self.firsts[last] {
                     let query = &self.queries[sample];
                     if (query.position - function.position).length_squared() > support_squared {
                         continue;
@@ -152,7 +157,8 @@ pub(crate) fn for_each_tile<S>(
         let rect = raster.rect(index);
         let mut values = values.into_iter();
         for row in rect.min[1]..rect.max[1] {
-            let samples = row_samples(gbuffer, &rect, row);
+            let pixels = row_pixels(gbuffer, &rect, row);
+            let samples = gbuffer.samples_of(pixels.start).start..gbuffer.samples_of(pixels.end - 1).end;
             irradiance[samples].iter_mut().zip(values.by_ref()).for_each(|(out, value)| *out = value);
         }
         report += part;
@@ -160,11 +166,10 @@ pub(crate) fn for_each_tile<S>(
     Ok(Splatted { irradiance, report })
 }
 
-/// The indices of the samples of `rect` in a row of pixels.
-fn row_samples(gbuffer: &GBuffer, rect: &PixelRect, row: u32) -> std::ops::Range<usize> {
-    let first = row as usize * gbuffer.width() + rect.min[0] as usize;
-    let last = row as usize * gbuffer.width() + rect.max[0] as usize;
-    first * gbuffer.samples_per_pixel()..last * gbuffer.samples_per_pixel()
+/// The pixels of `rect`, which is not empty, in a row.
+fn row_pixels(gbuffer: &GBuffer, rect: &PixelRect, row: u32) -> std::ops::Range<usize> {
+    let start = row as usize * gbuffer.width();
+    start + rect.min[0] as usize..start + rect.max[0] as usize
 }
 
 /// A picture cut into tiles, row by row.

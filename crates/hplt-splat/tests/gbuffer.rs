@@ -65,6 +65,28 @@ fn samples_lie_in_their_strata_in_the_documented_order() {
     assert_ne!(other.positions(), gbuffer.positions(), "the seed moves the samples");
 }
 
+/// As if all pixels had as many samples in those that are chosen; untouched in the others.
+#[test]
+fn refining_changes_the_pixels_that_are_chosen() {
+    let (scene, camera, options) = (scene_of(&room()), camera(), GBufferOptions::preview(24, 18));
+    let (bvh, _) = Bvh::build(&scene, BvhOptions::fast());
+    let coarse = gbuffer_of(&scene, &camera, options);
+    let fine = gbuffer_of(&scene, &camera, GBufferOptions { samples_per_axis: 3, ..options });
+    let is_chosen: Vec<bool> = (0..24 * 18).map(|pixel| pixel % 5 == 2).collect();
+    let mixed = coarse.refined((&scene, &bvh, &camera), &is_chosen, 3, &NoProgress).unwrap();
+    for (pixel, &is_chosen) in is_chosen.iter().enumerate() {
+        let (from, n) = if is_chosen { (&fine, 9) } else { (&coarse, 1) };
+        assert_eq!(mixed.samples_of(pixel).len(), n);
+        let (here, there) = (mixed.samples_of(pixel), from.samples_of(pixel));
+        assert_eq!(mixed.positions()[here.clone()], from.positions()[there.clone()]);
+        assert_eq!(mixed.depths()[here.clone()], from.depths()[there.clone()]);
+        assert_eq!(mixed.regions()[here], from.regions()[there]);
+    }
+    let none = vec![false; 24 * 18];
+    assert_eq!(coarse.refined((&scene, &bvh, &camera), &none, 1, &NoProgress).unwrap(), coarse);
+    assert!(coarse.refined((&scene, &bvh, &camera), &none, 0, &NoProgress).is_err());
+}
+
 #[test]
 fn background_is_the_environment_and_everything_else_there_is_empty() {
     let gbuffer = room_gbuffer(32, 24);
