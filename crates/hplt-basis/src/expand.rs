@@ -1,8 +1,10 @@
 //! The layered expansion at many queries: those near each other share the search for functions, which are then evaluated for as many
 //! queries at once as the processor's vectors have lanes.
 
+use std::ops::Range;
+
 use glam::Vec3;
-use hplt_geom::{OrientedPoint, RegionId};
+use hplt_geom::{OrientedPoint, RegionId, runs_of_neighbors};
 
 use crate::cells::MARGIN;
 use crate::lanes::{Columns, list_weights};
@@ -12,8 +14,8 @@ use crate::{Coverage, MIN_WEIGHT_SUM, ShepardBasis, Weight};
 const FULL_COVERAGE: f32 = 0.125;
 /// Queries that share a search, at most: as many as two of the widest vectors hold,
 const MAX_GROUP: usize = 32;
-/// and how far from the middle between the first of them and the farthest others may be, in supports of the finest level.
-const GROUP_REACH: f32 = 0.5;
+/// and the diagonal of the box that they are in, in supports of the finest level.
+const GROUP_SIZE: f32 = 1.0;
 
 /// Buffers of [`ShepardBasis::expand`].
 #[derive(Debug, Default)]
@@ -35,41 +37,6 @@ struct Partial {
     refined: f32,
     /// What of the whole is not in `expansion` yet.
     share: f32,
-}
-
-/// Queries in a row, in one region, that are near each other.
-struct Group {
-    n_queries: usize,
-    region: RegionId,
-    min: Vec3,
-    max: Vec3,
-}
-
-impl Group {
-    fn of(query: &OrientedPoint) -> Self {
-        Self { n_queries: 1, region: query.region, min: query.position, max: query.position }
-    }
-
-    /// Whether `query` joined it.
-    fn takes(&mut self, query: &OrientedPoint, reach: f32) -> bool {
-        let (min, max) = (self.min.min(query.position), self.max.max(query.position));
-        let is_near = self.n_queries < MAX_GROUP && query.region == self.region && min.distance(max) <= 2.0 * reach;
-        if is_near {
-            (self.n_queries, self.min, self.max) = (self.n_queries + 1, min, max);
-        }
-        is_near
-    }
-}
-
-/// Groups of consecutive queries, with at most `reach` from their middle to any of them.
-fn groups_of(queries: &[OrientedPoint], reach: f32) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
-    for query in queries {
-        if !groups.last_mut().is_some_and(|group| group.takes(query, reach)) {
-            groups.push(Group::of(query));
-        }
-    }
-    groups
 }
 
 impl ShepardBasis {
@@ -112,7 +79,7 @@ impl ShepardBasis {
         }
         let Some(finest) = n_levels.checked_sub(1) else { return };
         let columns = Columns::new(queries.iter());
-        let groups = groups_of(queries, GROUP_REACH * self.support(finest));
+        let groups = runs_of_neighbors(queries, MAX_GROUP, GROUP_SIZE * self.support(finest));
         let mut first_id = 0;
         for level in 0..n_levels {
             self.find_weights(level, (queries, &columns), &groups, scratch);
@@ -131,38 +98,42 @@ impl ShepardBasis {
         &self,
         level: usize,
         (queries, columns): (&[OrientedPoint], &Columns),
-        groups: &[Group],
+        groups: &[Range<usize>],
         LayeredScratch { partial, found, ids }: &mut LayeredScratch,
     ) {
         found.iter_mut().for_each(Vec::clear);
         ids.clear();
         let (points, footprint) = (self.points(level), self.footprint(level));
-        let (mut ends, mut first) = (Vec::with_capacity(groups.len()), 0);
+        let mut ends = Vec::with_capacity(groups.len());
         for group in groups {
-            let members = first..first + group.n_queries;
             let start = ids.len();
-            if partial[members.clone()].iter().any(|p| p.share > 0.0) {
-                let reach = footprint.support() * MARGIN + 0.5 * group.min.distance(group.max) * MARGIN;
-                let faces = |point: &OrientedPoint| queries[members.clone()].iter().any(|q| q.normal.dot(point.normal) > 0.0);
-                self.tree(level).within(0.5 * (group.min + group.max), reach, |id, _| {
-                    let point = &points[id as usize];
-                    if point.region == group.region && faces(point) {
-                        ids.push(id);
-                    }
+            if partial[group.clone()].iter().any(|p| p.share > 0.0) {
+                let members = &queries[group.clone()];
+                let (center, radius) = ball_around(members);
+                let may_answer = |point: &OrientedPoint| {
+                    point.region == members[0].region && members.iter().any(|q| q.normal.dot(point.normal) > 0.0)
+                };
+                self.tree(level).within(center, MARGIN * (footprint.support() + radius), |id, _| {
+                    ids.extend(may_answer(&points[id as usize]).then_some(id));
                 });
                 ids[start..].sort_unstable();
             }
             ends.push(ids.len());
-            first = members.end;
         }
         let starts = std::iter::once(0).chain(ends.iter().copied());
-        let with_ids = starts.zip(&ends).zip(groups).map(|((start, &end), group)| (&ids[start..end], group.n_queries));
+        let with_ids = starts.zip(&ends).zip(groups).map(|((start, &end), group)| (&ids[start..end], group.len()));
         list_weights(self.functions(level), &footprint, columns, with_ids.collect(), found);
     }
 
     /// Moves what `level`, which has these weights, does not take over from the level before into the expansion, and all that is left
     /// where nothing is finer. `first_id` is the flat index of its first function.
-    fn go_finer(&self, (level, is_finest): (usize, bool), first_id: u32, partial: &mut Partial, found: &mut Vec<Weight>) {
+    fn go_finer(
+        &self,
+        (level, is_finest): (usize, bool),
+        first_id: u32,
+        partial: &mut Partial,
+        found: &mut Vec<Weight>,
+    ) {
         let sum: f32 = found.iter().map(|w| w.weight).sum();
         let is_covered = sum >= MIN_WEIGHT_SUM;
         if !partial.here.is_empty() {
@@ -181,6 +152,13 @@ impl ShepardBasis {
             partial.put(1.0, first_id);
         }
     }
+}
+
+/// Centre and radius of a ball around these points.
+fn ball_around(points: &[OrientedPoint]) -> (Vec3, f32) {
+    let first = points[0].position;
+    let (min, max) = points.iter().fold((first, first), |(min, max), p| (min.min(p.position), max.max(p.position)));
+    (0.5 * (min + max), 0.5 * min.distance(max))
 }
 
 impl Partial {

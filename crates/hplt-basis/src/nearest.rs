@@ -32,11 +32,7 @@ impl NearestIndex {
             });
         }
         entries.sort_unstable();
-        Self {
-            lists: Lists::new(&entries, cells_per_unit),
-            points: functions.to_vec(),
-            reach,
-        }
+        Self { lists: Lists::new(&entries, cells_per_unit), points: functions.to_vec(), reach }
     }
 
     /// The nearest function to `query` that is in its region, on its side ([`SAME_SIDE`], [`LEAST_COSINE`]) and within sight of it,

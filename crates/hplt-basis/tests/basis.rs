@@ -5,8 +5,8 @@ mod common;
 use common::{Noise, plane, point};
 use glam::Vec3;
 use hplt_basis::{
-    Absolute, ApproximateNearest, BasisOptions, Coefficients, Coverage, Delta, ExactShepard, LayeredScratch, Reconstruction,
-    ShepardBasis, absolute_from_delta, delta_from_absolute, restrict,
+    Absolute, ApproximateNearest, BasisOptions, Coefficients, Coverage, Delta, ExactShepard, LayeredScratch,
+    Reconstruction, ShepardBasis, absolute_from_delta, delta_from_absolute, restrict,
 };
 use hplt_geom::{OrientedPoint, RegionId, Rgb};
 

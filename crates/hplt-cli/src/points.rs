@@ -135,11 +135,7 @@ fn light_at(
     let fine = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
     let is_rough = final_gather.is_none() && lit.lights.n_emitters() <= FEW_EMITTERS;
     let lights = lit.lights.with_options(match is_rough {
-        true => DirectOptions {
-            light_samples: std::env::var("HPLT_LS").map_or(ROUGH_SHADOW_RAYS, |v| v.parse().unwrap()),
-            enough: std::env::var("HPLT_ENOUGH").map_or(ENOUGH_SHADOW_RAYS, |v| v.parse().unwrap()),
-            ..fine
-        },
+        true => DirectOptions { light_samples: ROUGH_SHADOW_RAYS, enough: ENOUGH_SHADOW_RAYS, ..fine },
         false => fine,
     });
     let direct = run

@@ -5,7 +5,7 @@ use hplt_basis::{Absolute, Coefficients, ShepardBasis, restrict};
 use hplt_geom::radiometry::irradiance_from_uniform_radiance;
 use hplt_geom::{
     Hit, Interrupted, Light, LightGroupId, LightGroups, LightShape, OrientedPoint, Progress, Ray, RayCaster, RegionId,
-    Rgb, Scene, TriangleId, offset_origin, parallel,
+    Rgb, Scene, TriangleId, offset_origin, parallel, runs_of_neighbors,
 };
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
@@ -36,6 +36,11 @@ const ENOUGH_TO_TELL: u32 = 128;
 const LEAST_BLOCKERS: usize = 12;
 /// One more for so many shadow rays that would be cast instead.
 const RAYS_PER_BLOCKER: u32 = 16;
+
+/// Points that look for an emitter together, at most,
+const COMPANY: usize = 32;
+/// and the diagonal of the box that they are in, scene units.
+const NEARBY: f32 = 1.0 / 32.0;
 
 /// How direct light is sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,6 +130,12 @@ impl<'s> DirectLight<'s> {
         Self { scene, sources, options, by_hemisphere }
     }
 
+    /// Shadow rays to an emitter after which it is known whether more are needed.
+    fn first_rays(&self) -> u32 {
+        let DirectOptions { light_samples, enough, .. } = self.options;
+        light_samples.min(ENOUGH_TO_TELL).min(enough.saturating_mul(2))
+    }
+
     /// The groups of lights, by name.
     pub fn groups(&self) -> &LightGroups {
         &self.sources.groups
@@ -187,7 +198,9 @@ impl<'s> DirectLight<'s> {
                 sampler.some_emitters(caster, scratch, &mut arrive);
             } else {
                 for (i, emitter) in self.emitters().all.iter().enumerate() {
-                    arrive(emitter.group, sampler.one_emitter(caster, emitter, i as u32, scratch));
+                    let brings = sampler.one_emitter(caster, emitter, i as u32, scratch);
+                    scratch.saw_emitter |= brings != DVec3::ZERO;
+                    arrive(emitter.group, brings);
                 }
             }
             if let Some(group) = self.groups().of_environment() {
@@ -217,11 +230,41 @@ pub fn direct_irradiance(
     stage: Stage,
     progress: &dyn Progress,
 ) -> Result<Vec<Rgb>, Interrupted> {
+    let found = in_company(light, points, progress, |shadows, i| {
+        (light.irradiance(caster, &points[i], (stage, i as u32), shadows), ())
+    })?;
+    Ok(found.into_iter().map(|(sum, ())| sum).collect())
+}
+
+/// What `look` finds at every point. Points that look for an emitter in vain give up after their first rays, if all that are near them do
+/// and these together have cast as many as one would: what is left to find then is not worth as many again for each.
+fn in_company<T: Send>(
+    light: &DirectLight<'_>,
+    points: &[OrientedPoint],
+    progress: &dyn Progress,
+    look: impl Fn(&mut Shadows, usize) -> (Rgb, T) + Sync + Send,
+) -> Result<Vec<(Rgb, T)>, Interrupted> {
     let counter = Counter::new(progress, "direct light", points.len());
-    parallel::try_map(points.len(), Shadows::default, |scratch, i| {
-        counter.step()?;
-        Ok(light.irradiance(caster, &points[i], (stage, i as u32), scratch))
-    })
+    let runs = runs_of_neighbors(points, COMPANY, NEARBY);
+    let are_many = |n: usize| n * light.first_rays() as usize >= light.options.light_samples as usize;
+    let found = parallel::try_map(runs.len(), Shadows::default, |shadows, run| {
+        let run = runs[run].clone();
+        shadows.is_patient = !are_many(run.len());
+        let (mut found, mut undecided, mut is_dark) = (Vec::with_capacity(run.len()), Vec::new(), true);
+        for i in run.clone() {
+            counter.step()?;
+            (shadows.gave_up, shadows.saw_emitter) = (false, false);
+            found.push(look(shadows, i));
+            is_dark &= !shadows.saw_emitter;
+            undecided.extend(shadows.gave_up.then_some(i));
+        }
+        if !(is_dark && are_many(undecided.len())) {
+            shadows.is_patient = true;
+            undecided.iter().for_each(|&i| found[i - run.start] = look(shadows, i));
+        }
+        Ok(found)
+    })?;
+    Ok(found.into_iter().flatten().collect())
 }
 
 /// As [`direct_irradiance`], to the bit, and from the same samples what each group of lights ([`DirectLight::groups`]) brings: by
@@ -236,16 +279,14 @@ pub fn direct_irradiance_by_group(
     stage: Stage,
     progress: &dyn Progress,
 ) -> Result<(Vec<Rgb>, Vec<Vec<Rgb>>), Interrupted> {
-    let counter = Counter::new(progress, "direct light", points.len());
     let n = light.groups().len();
-    let by_point = parallel::try_map(points.len(), Shadows::default, |scratch, i| {
-        counter.step()?;
+    let by_point = in_company(light, points, progress, |scratch, i| {
         let (mut sum, mut parts) = (DVec3::ZERO, vec![DVec3::ZERO; n]);
         light.arrivals(caster, &points[i], (stage, i as u32), scratch, |group, brings| {
             sum += brings;
             parts[group.0 as usize] += brings;
         });
-        Ok((sum.as_vec3(), parts.into_iter().map(|s| s.as_vec3()).collect::<Vec<_>>()))
+        (sum.as_vec3(), parts.into_iter().map(|s| s.as_vec3()).collect::<Vec<_>>())
     })?;
     let by_group = (0..n).map(|g| by_point.iter().map(|(_, parts)| parts[g]).collect()).collect();
     Ok((by_point.into_iter().map(|(sum, _)| sum).collect(), by_group))
@@ -280,6 +321,12 @@ pub(crate) struct Shadows {
     occluded: Vec<bool>,
     hits: Vec<Hit>,
     visible: Visible,
+    /// Whether an emitter that the first rays have not met is looked for with all.
+    is_patient: bool,
+    /// Whether one was not.
+    gave_up: bool,
+    /// Whether any light of an emitter was found.
+    saw_emitter: bool,
 }
 
 impl Shadows {
@@ -347,8 +394,8 @@ struct PointSampler<'a> {
 impl PointSampler<'_> {
     /// Cutting one triangle out takes about as long as this many rays take.
     fn max_blockers(&self) -> usize {
-        if let Ok(v) = std::env::var("HPLT_CUTS") { return v.parse().unwrap(); }
-        LEAST_BLOCKERS + (self.light.options.light_samples / RAYS_PER_BLOCKER) as usize
+        let DirectOptions { light_samples, enough, .. } = self.light.options;
+        LEAST_BLOCKERS + (light_samples.min(enough) / RAYS_PER_BLOCKER) as usize
     }
 
     fn segment_to(&self, emitter: &Emitter, target: Vec3) -> Ray {
@@ -414,7 +461,7 @@ impl PointSampler<'_> {
     ) -> (DVec3, DVec3) {
         let DirectOptions { light_samples: n, enough, .. } = self.light.options;
         let (mut visible, mut all, mut n_seen) = (DVec3::ZERO, DVec3::ZERO, 0);
-        let (mut cast, mut goal) = (0, n.min(ENOUGH_TO_TELL).min(enough.saturating_mul(2)));
+        let (mut cast, mut goal) = (0, self.light.first_rays());
         loop {
             shadows.clear();
             (cast..goal).for_each(|k| push(shadows, k));
@@ -422,6 +469,10 @@ impl PointSampler<'_> {
             (visible, all) = (visible + more_visible, all + more);
             n_seen += shadows.n_seen();
             if goal == n || only_share_counts && (visible == all || n_seen >= enough) {
+                return (visible, all);
+            }
+            if n_seen == 0 && !shadows.is_patient {
+                shadows.gave_up = true;
                 return (visible, all);
             }
             (cast, goal) = (goal, if enough < n { 2 * goal } else { n });
