@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use hplt_geom::{OrientedPoint, RegionId, runs_of_neighbors};
+use hplt_geom::{OrientedPoint, RegionId};
 
 use crate::cells::MARGIN;
 use crate::lanes::{Columns, list_weights};
@@ -170,5 +170,39 @@ impl Partial {
             self.expansion.extend(self.here.iter().map(weight));
         }
         self.share *= 1.0 - part;
+    }
+}
+
+/// Cuts a list into runs of points that are in one region and in a box of this diagonal (scene space), of at most `most` points each.
+fn runs_of_neighbors(points: &[OrientedPoint], most: usize, diagonal: f32) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
+    for (i, point) in points.iter().enumerate() {
+        let (low, high) = (min.min(point.position), max.max(point.position));
+        let is_near = |run: &&mut Range<usize>| {
+            run.len() < most && points[run.start].region == point.region && low.distance(high) <= diagonal
+        };
+        match runs.last_mut().filter(is_near) {
+            Some(run) => (run.end, min, max) = (i + 1, low, high),
+            None => {
+                runs.push(i..i + 1);
+                (min, max) = (point.position, point.position);
+            }
+        }
+    }
+    runs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_end_with_their_region_their_box_and_their_length() {
+        let at = |(x, region): (f32, u32)| OrientedPoint::new(Vec3::new(x, 0.0, 0.0), Vec3::Z, RegionId(region));
+        let points: Vec<OrientedPoint> =
+            [(0.0, 0), (0.4, 0), (-0.5, 0), (-0.6, 0), (-0.6, 1), (-0.6, 1), (-0.6, 1), (-0.6, 1)].map(at).into();
+        assert_eq!(runs_of_neighbors(&points, 3, 1.0), [0..3, 3..4, 4..7, 7..8]);
+        assert!(runs_of_neighbors(&[], 3, 1.0).is_empty());
     }
 }

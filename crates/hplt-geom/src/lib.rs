@@ -47,7 +47,7 @@ pub use light::{Light, LightShape};
 pub use light_groups::{LightGroupId, LightGroups};
 pub use material::{AlphaMask, Material, MaterialId, Sides, TextureSlot};
 pub use mesh::{Mesh, TriangleId};
-pub use point::{Extent, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId, runs_of_neighbors};
+pub use point::{Extent, N_SECTORS, OrientedPoint, PointHierarchy, PointLevel, RegionId};
 pub use progress::{Interrupted, NoProgress, Progress};
 pub use radiometry::Rgb;
 pub use ray::{Blocker, Hit, Ray, RayCaster, offset_origin};

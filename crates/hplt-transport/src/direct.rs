@@ -5,7 +5,7 @@ use hplt_basis::{Absolute, Coefficients, ShepardBasis, restrict};
 use hplt_geom::radiometry::irradiance_from_uniform_radiance;
 use hplt_geom::{
     Hit, Interrupted, Light, LightGroupId, LightGroups, LightShape, OrientedPoint, Progress, Ray, RayCaster, RegionId,
-    Rgb, Scene, TriangleId, offset_origin, parallel, runs_of_neighbors,
+    Rgb, Scene, TriangleId, offset_origin, parallel,
 };
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
@@ -37,11 +37,6 @@ const LEAST_BLOCKERS: usize = 12;
 /// One more for so many shadow rays that would be cast instead.
 const RAYS_PER_BLOCKER: u32 = 16;
 
-/// Points that look for an emitter together, at most,
-const COMPANY: usize = 32;
-/// and the diagonal of the box that they are in, scene units.
-const NEARBY: f32 = 1.0 / 32.0;
-
 /// How direct light is sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DirectOptions {
@@ -49,7 +44,7 @@ pub struct DirectOptions {
     pub seed: u64,
     /// Shadow rays per emitter where there are few, per point where there are many; a power of two.
     pub light_samples: u32,
-    /// Where there are few emitters, shadow rays to one that get there after which `light_samples` need not be cast: what is dim is sampled
+    /// Where there are few emitters, shadow rays to one that get there after which `light_samples` need not be cast, a power of two: what is dim is sampled
     /// longer.
     pub enough: u32,
     /// Rays per point towards the sky, or over the hemisphere; a power of two.
@@ -130,12 +125,6 @@ impl<'s> DirectLight<'s> {
         Self { scene, sources, options, by_hemisphere }
     }
 
-    /// Shadow rays to an emitter after which it is known whether more are needed.
-    fn first_rays(&self) -> u32 {
-        let DirectOptions { light_samples, enough, .. } = self.options;
-        light_samples.min(ENOUGH_TO_TELL).min(enough.saturating_mul(2))
-    }
-
     /// The groups of lights, by name.
     pub fn groups(&self) -> &LightGroups {
         &self.sources.groups
@@ -198,9 +187,7 @@ impl<'s> DirectLight<'s> {
                 sampler.some_emitters(caster, scratch, &mut arrive);
             } else {
                 for (i, emitter) in self.emitters().all.iter().enumerate() {
-                    let brings = sampler.one_emitter(caster, emitter, i as u32, scratch);
-                    scratch.saw_emitter |= brings != DVec3::ZERO;
-                    arrive(emitter.group, brings);
+                    arrive(emitter.group, sampler.one_emitter(caster, emitter, i as u32, scratch));
                 }
             }
             if let Some(group) = self.groups().of_environment() {
@@ -230,41 +217,11 @@ pub fn direct_irradiance(
     stage: Stage,
     progress: &dyn Progress,
 ) -> Result<Vec<Rgb>, Interrupted> {
-    let found = in_company(light, points, progress, |shadows, i| {
-        (light.irradiance(caster, &points[i], (stage, i as u32), shadows), ())
-    })?;
-    Ok(found.into_iter().map(|(sum, ())| sum).collect())
-}
-
-/// What `look` finds at every point. Points that look for an emitter in vain give up after their first rays, if all that are near them do
-/// and these together have cast as many as one would: what is left to find then is not worth as many again for each.
-fn in_company<T: Send>(
-    light: &DirectLight<'_>,
-    points: &[OrientedPoint],
-    progress: &dyn Progress,
-    look: impl Fn(&mut Shadows, usize) -> (Rgb, T) + Sync + Send,
-) -> Result<Vec<(Rgb, T)>, Interrupted> {
     let counter = Counter::new(progress, "direct light", points.len());
-    let runs = runs_of_neighbors(points, COMPANY, NEARBY);
-    let are_many = |n: usize| n * light.first_rays() as usize >= light.options.light_samples as usize;
-    let found = parallel::try_map(runs.len(), Shadows::default, |shadows, run| {
-        let run = runs[run].clone();
-        shadows.is_patient = !are_many(run.len());
-        let (mut found, mut undecided, mut is_dark) = (Vec::with_capacity(run.len()), Vec::new(), true);
-        for i in run.clone() {
-            counter.step()?;
-            (shadows.gave_up, shadows.saw_emitter) = (false, false);
-            found.push(look(shadows, i));
-            is_dark &= !shadows.saw_emitter;
-            undecided.extend(shadows.gave_up.then_some(i));
-        }
-        if !(is_dark && are_many(undecided.len())) {
-            shadows.is_patient = true;
-            undecided.iter().for_each(|&i| found[i - run.start] = look(shadows, i));
-        }
-        Ok(found)
-    })?;
-    Ok(found.into_iter().flatten().collect())
+    parallel::try_map(points.len(), Shadows::default, |scratch, i| {
+        counter.step()?;
+        Ok(light.irradiance(caster, &points[i], (stage, i as u32), scratch))
+    })
 }
 
 /// As [`direct_irradiance`], to the bit, and from the same samples what each group of lights ([`DirectLight::groups`]) brings: by
@@ -279,14 +236,16 @@ pub fn direct_irradiance_by_group(
     stage: Stage,
     progress: &dyn Progress,
 ) -> Result<(Vec<Rgb>, Vec<Vec<Rgb>>), Interrupted> {
+    let counter = Counter::new(progress, "direct light", points.len());
     let n = light.groups().len();
-    let by_point = in_company(light, points, progress, |scratch, i| {
+    let by_point = parallel::try_map(points.len(), Shadows::default, |scratch, i| {
+        counter.step()?;
         let (mut sum, mut parts) = (DVec3::ZERO, vec![DVec3::ZERO; n]);
         light.arrivals(caster, &points[i], (stage, i as u32), scratch, |group, brings| {
             sum += brings;
             parts[group.0 as usize] += brings;
         });
-        (sum.as_vec3(), parts.into_iter().map(|s| s.as_vec3()).collect::<Vec<_>>())
+        Ok((sum.as_vec3(), parts.into_iter().map(|s| s.as_vec3()).collect::<Vec<_>>()))
     })?;
     let by_group = (0..n).map(|g| by_point.iter().map(|(_, parts)| parts[g]).collect()).collect();
     Ok((by_point.into_iter().map(|(sum, _)| sum).collect(), by_group))
@@ -321,12 +280,6 @@ pub(crate) struct Shadows {
     occluded: Vec<bool>,
     hits: Vec<Hit>,
     visible: Visible,
-    /// Whether an emitter that the first rays have not met is looked for with all.
-    is_patient: bool,
-    /// Whether one was not.
-    gave_up: bool,
-    /// Whether any light of an emitter was found.
-    saw_emitter: bool,
 }
 
 impl Shadows {
@@ -461,7 +414,7 @@ impl PointSampler<'_> {
     ) -> (DVec3, DVec3) {
         let DirectOptions { light_samples: n, enough, .. } = self.light.options;
         let (mut visible, mut all, mut n_seen) = (DVec3::ZERO, DVec3::ZERO, 0);
-        let (mut cast, mut goal) = (0, self.light.first_rays());
+        let (mut cast, mut goal) = (0, n.min(ENOUGH_TO_TELL).min(enough.saturating_mul(2)));
         loop {
             shadows.clear();
             (cast..goal).for_each(|k| push(shadows, k));
@@ -471,11 +424,7 @@ impl PointSampler<'_> {
             if goal == n || only_share_counts && (visible == all || n_seen >= enough) {
                 return (visible, all);
             }
-            if n_seen == 0 && !shadows.is_patient {
-                shadows.gave_up = true;
-                return (visible, all);
-            }
-            (cast, goal) = (goal, if enough < n { 2 * goal } else { n });
+            (cast, goal) = (goal, if enough < n { n.min(2 * goal) } else { n });
         }
     }
 
