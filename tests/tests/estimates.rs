@@ -9,7 +9,7 @@ use hplt::sampling::random::Stage;
 use hplt::sampling::random_surface_points;
 use hplt::transport::{
     DirectLight, DirectOptions, ErrorEstimate, ErrorProbe, FieldView, Gradients, LayeredNearestInSight, LinkOptions,
-    Linked, Model, ReadBuffers, Sender, direct_irradiance, estimate_error, read_in_sight,
+    Linked, Model, Sender, direct_irradiance, estimate_error, read_in_sight,
 };
 use hplt_tests::checks::hemisphere;
 use hplt_tests::{Prepared, Setup, manufactured};
@@ -18,9 +18,8 @@ use hplt_tests::{Prepared, Setup, manufactured};
 fn read(prepared: &Prepared, linked: &Linked, points: &[OrientedPoint], seed: u64) -> (Vec<Rgb>, Vec<Rgb>, Vec<f32>) {
     let model = Model { basis: &linked.basis, ..prepared.model() };
     let gradients = Gradients::fit(&model, &linked.indirect);
-    let mut buffers = ReadBuffers::default();
     let field = FieldView { values: &linked.indirect, gradients: Some(&gradients), noise: Some(&linked.noise) };
-    let readings = points.iter().map(|p| read_in_sight(&model, field, p, &mut buffers));
+    let readings = read_in_sight(&model, field, points).into_iter();
     let (indirect, noise) = readings.map(|reading| (reading.irradiance, reading.noise)).unzip();
     let light =
         DirectLight::new(&prepared.scene, DirectOptions { seed, sky_samples: 1024, ..DirectOptions::display() });
@@ -32,16 +31,9 @@ fn read(prepared: &Prepared, linked: &Linked, points: &[OrientedPoint], seed: u6
 fn trusted_points(prepared: &Prepared, linked: &Linked, n: usize, seed: u64) -> Vec<OrientedPoint> {
     let mut points = random_surface_points(&prepared.scene, &prepared.bvh.bvh, &prepared.regions, n, seed);
     let model = Model { basis: &linked.basis, ..prepared.model() };
-    let mut buffers = ReadBuffers::default();
-    points.retain(|p| {
-        let reading = read_in_sight(
-            &model,
-            FieldView { values: &linked.indirect, gradients: None, noise: None },
-            p,
-            &mut buffers,
-        );
-        !reading.is_doubtful(0.3, luminance(reading.irradiance))
-    });
+    let field = FieldView { values: &linked.indirect, gradients: None, noise: None };
+    let mut readings = read_in_sight(&model, field, &points).into_iter();
+    points.retain(|_| readings.next().is_some_and(|r| !r.is_doubtful(0.3, luminance(r.irradiance))));
     points
 }
 

@@ -23,7 +23,7 @@ fn jittered(n: usize, replicate: u64) -> Vec<(f64, f64)> {
 }
 
 fn options(estimator: DirectEstimator, seed: u64, light_samples: u32, sky_samples: u32) -> DirectOptions {
-    DirectOptions { seed, light_samples, sky_samples, estimator }
+    DirectOptions { seed, light_samples, sky_samples, estimator, ..DirectOptions::measurement() }
 }
 
 /// A14: parallel unit squares, all gaps by shadow rays, and down to the size of the gap where blind rays still meet the plate.

@@ -9,7 +9,7 @@ use hplt::reference::scenes::{self, Shape};
 use hplt::sampling::random_surface_points;
 use hplt::transport::{
     DirectEstimator, DirectLight, DirectOptions, Error, FieldView, Gradients, LinkOptions, LinkPrecision, Linked,
-    ReadBuffers, read_in_sight, transport_links,
+    Reading, read_in_sight, transport_links,
 };
 use hplt_tests::{Prepared, Setup};
 
@@ -89,15 +89,13 @@ fn gradients_carry_an_even_slope() {
         let at_functions = model.basis.points(0).iter().map(|p| Rgb::splat(of(p.position))).collect();
         let field = Coefficients::from_levels(vec![at_functions]);
         let gradients = Gradients::fit(&model, &field);
-        let mut buffers = ReadBuffers::default();
-        let mut mean = |gradients: Option<&Gradients>| {
-            let off = |p: &OrientedPoint| {
-                let found =
-                    read_in_sight(&model, FieldView { values: &field, gradients, noise: None }, p, &mut buffers);
-                assert!(found.irradiance.min_element() >= 0.0);
+        let mean = |gradients: Option<&Gradients>| {
+            let readings = read_in_sight(&model, FieldView { values: &field, gradients, noise: None }, &points);
+            assert!(readings.iter().all(|found| found.irradiance.min_element() >= 0.0));
+            let off = |(found, p): (&Reading, &OrientedPoint)| {
                 found.spread.is_finite().then(|| f64::from((found.irradiance.x - of(p.position)).abs()))
             };
-            let errors: Vec<f64> = points.iter().filter_map(off).collect();
+            let errors: Vec<f64> = readings.iter().zip(&points).filter_map(off).collect();
             errors.iter().sum::<f64>() / errors.len() as f64
         };
         [mean(None), mean(Some(&gradients))]

@@ -5,6 +5,7 @@ use hplt_kdtree::KdTree;
 
 use crate::cells::{LevelCells, MAX_FUNCTIONS};
 use crate::kernel::distance_squared;
+use crate::lanes::Function;
 use crate::nearest::NearestIndex;
 use crate::reconstruction::{FEW, combine, visit_coherently};
 use crate::{Kernel, Parents};
@@ -86,6 +87,8 @@ pub struct ShepardBasis {
     trees: Vec<KdTree>,
     parents: Vec<Parents>,
     options: BasisOptions,
+    /// One per level whose functions have been evaluated for many queries at once.
+    functions: Vec<OnceLock<Vec<Function>>>,
     /// One per level that has been read by [`blend`](Self::blend) and is not too large.
     cells: Vec<OnceLock<LevelCells>>,
     /// One per level, where some levels are not everywhere.
@@ -98,8 +101,10 @@ impl ShepardBasis {
     /// The bases on `hierarchy`. Builds a kd-tree per level and finds every function's parents, in parallel.
     pub fn build(hierarchy: PointHierarchy, options: BasisOptions) -> Self {
         let trees = hierarchy.levels.iter().map(tree_of).collect();
+        let functions = hierarchy.levels.iter().map(|_| OnceLock::new()).collect();
         let cells = hierarchy.levels.iter().map(|_| OnceLock::new()).collect();
-        let mut basis = Self { hierarchy, trees, parents: Vec::new(), options, cells, nearest: Vec::new(), n_whole: 0 };
+        let (parents, nearest) = (Vec::new(), Vec::new());
+        let mut basis = Self { hierarchy, trees, parents, options, functions, cells, nearest, n_whole: 0 };
         basis.parents = (1..basis.n_levels()).map(|level| basis.find_parents(level)).collect();
         if basis.hierarchy.levels.iter().any(|level| !level.is_refined.is_empty()) {
             basis.nearest = (0..basis.n_levels()).map(|level| basis.index(level)).collect();
@@ -206,12 +211,17 @@ impl ShepardBasis {
     /// near each other.
     pub(crate) fn blend_many(&self, level: usize, queries: &[OrientedPoint], coefficients: &[Rgb]) -> Vec<Option<Rgb>> {
         if let Some(cells) = self.cells(level).filter(|_| queries.len() >= FEW) {
-            let sums = cells.sums(&self.footprint(level), queries, coefficients);
+            let sums = cells.sums(self.functions(level), &self.footprint(level), queries, coefficients);
             return sums.into_iter().map(normalised).collect();
         }
         let (mut out, mut scratch) = (vec![None; queries.len()], Vec::new());
         visit_coherently(queries, |i| out[i] = self.blend(level, &queries[i], coefficients, &mut scratch));
         out
+    }
+
+    /// What decides about the weights of the functions of a level.
+    pub(crate) fn functions(&self, level: usize) -> &[Function] {
+        self.functions[level].get_or_init(|| self.points(level).iter().map(Function::of).collect())
     }
 
     /// The functions of a level by cells, unless there are too many.
@@ -266,7 +276,7 @@ impl ShepardBasis {
     /// has an index.
     pub(crate) fn nearest_many(&self, level: usize, queries: &[OrientedPoint]) -> Vec<Option<u32>> {
         match self.nearest.get(level) {
-            Some(index) if queries.len() >= FEW => index.nearest_many(queries),
+            Some(index) if queries.len() >= FEW => index.nearest_many(self.functions(level), queries),
             Some(index) => queries.iter().map(|query| index.nearest(query)).collect(),
             None => queries.iter().map(|query| self.approximate_nearest(level, query)).collect(),
         }
@@ -302,6 +312,7 @@ impl ShepardBasis {
         assert_eq!(is_refined.len(), self.n_functions(finest), "one flag per function");
         self.hierarchy.levels[finest].is_refined = is_refined;
         self.trees.push(tree_of(&level));
+        self.functions.push(OnceLock::new());
         self.cells.push(OnceLock::new());
         self.hierarchy.levels.push(level);
         for level in self.nearest.len()..self.n_levels() {
@@ -315,6 +326,7 @@ impl ShepardBasis {
     pub fn truncate(&mut self, n_levels: usize) {
         self.hierarchy.levels.truncate(n_levels);
         self.trees.truncate(n_levels);
+        self.functions.truncate(n_levels);
         self.cells.truncate(n_levels);
         self.parents.truncate(n_levels.saturating_sub(1));
         if let Some(finest) = self.hierarchy.levels.last_mut() {
@@ -330,7 +342,8 @@ impl ShepardBasis {
         let parents: usize = self.parents.iter().map(Parents::memory).sum();
         let nearest: usize = self.nearest.iter().map(NearestIndex::memory).sum();
         let cells: usize = self.cells.iter().filter_map(OnceLock::get).map(LevelCells::memory).sum();
-        self.hierarchy.memory() + trees + parents + nearest + cells
+        let functions: usize = self.functions.iter().filter_map(OnceLock::get).map(|f| size_of_val(&f[..])).sum();
+        self.hierarchy.memory() + trees + parents + nearest + cells + functions
     }
 
     fn count_whole(&self) -> usize {

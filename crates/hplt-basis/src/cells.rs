@@ -5,7 +5,7 @@ use crate::Footprint;
 use crate::lanes::{self, Columns, Function};
 
 /// Supports are taken a little larger than they are, so that rounding loses nothing.
-const MARGIN: f32 = 1.001;
+pub(crate) const MARGIN: f32 = 1.001;
 /// Levels of more functions have no cells, which would take too much memory.
 pub(crate) const MAX_FUNCTIONS: usize = 16_384;
 /// Cells with this many functions on average are too large, as long as smaller ones have no more than so many entries.
@@ -125,7 +125,6 @@ pub(crate) struct ByCell<'a> {
 pub(crate) struct LevelCells {
     /// Ascending.
     lists: Lists,
-    functions: Vec<Function>,
 }
 
 impl LevelCells {
@@ -137,7 +136,7 @@ impl LevelCells {
             cells_per_unit *= 2.0;
             entries = list(points, footprint, cells_per_unit);
         }
-        Self { lists: Lists::new(&entries, cells_per_unit), functions: points.iter().map(Function::of).collect() }
+        Self { lists: Lists::new(&entries, cells_per_unit) }
     }
 
     /// The functions that may have weight at `query`, ascending.
@@ -146,16 +145,17 @@ impl LevelCells {
         self.lists.at(query, 0)
     }
 
-    /// `(Σ w_i α_i, Σ w_i)` at each of `queries`, the `α` being `coefficients`, each summed in ascending order of the functions.
-    /// All queries in a cell are looked at together.
+    /// `(Σ w_i α_i, Σ w_i)` at each of `queries`, the `α` being the `coefficients` of the `functions` of the level, each summed in
+    /// ascending order of the functions. All queries in a cell are looked at together.
     pub(crate) fn sums(
         &self,
+        functions: &[Function],
         footprint: &Footprint,
         queries: &[OrientedPoint],
         coefficients: &[Rgb],
     ) -> Vec<(Rgb, f32)> {
         let by_cell = self.lists.by_cell(queries, |_| 0);
-        let sums = lanes::sums(&self.functions, footprint, coefficients, &by_cell.columns, by_cell.groups);
+        let sums = lanes::sums(functions, footprint, coefficients, &by_cell.columns, by_cell.groups);
         let mut out = vec![(Rgb::ZERO, 0.0); queries.len()];
         for (i, &query) in by_cell.order.iter().enumerate() {
             let [r, g, b, sum] = [0, 1, 2, 3].map(|column: usize| sums[column][i]);
@@ -165,7 +165,7 @@ impl LevelCells {
     }
 
     pub(crate) fn memory(&self) -> usize {
-        self.lists.memory() + size_of_val(&self.functions[..])
+        self.lists.memory()
     }
 }
 

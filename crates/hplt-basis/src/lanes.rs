@@ -8,7 +8,7 @@ use glam::Vec3;
 use hplt_geom::{Extent, N_SECTORS, OrientedPoint, Rgb};
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::{Footprint, Kernel};
+use crate::{Footprint, Kernel, Weight};
 
 /// The square of what a step of length one in the worst direction counts as in the sum that
 /// [`Extent::contains`](hplt_geom::Extent::contains) compares with 1, `1 + (√2 - 1)²`, and a little more.
@@ -105,6 +105,48 @@ impl WithSimd for Sums<'_> {
             }
             for (column, values) in out.iter_mut().zip([red, green, blue, sum]) {
                 simd.partial_store_f32s(&mut column[lanes.clone()], values);
+            }
+        });
+    }
+}
+
+/// Adds to the list of each query the functions of its group that have weight there, in the order of the group.
+pub(crate) fn list_weights(
+    functions: &[Function],
+    footprint: &Footprint,
+    queries: &Columns,
+    groups: Vec<(&[u32], usize)>,
+    lists: &mut [Vec<Weight>],
+) {
+    Arch::new().dispatch(ListWeights { functions, footprint, queries, groups, lists });
+}
+
+struct ListWeights<'a> {
+    functions: &'a [Function],
+    footprint: &'a Footprint,
+    queries: &'a Columns,
+    groups: Vec<(&'a [u32], usize)>,
+    lists: &'a mut [Vec<Weight>],
+}
+
+impl WithSimd for ListWeights<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { functions, footprint, queries, groups, lists } = self;
+        for_each(simd, queries, &groups, |ids, queries, lanes| {
+            for &function in ids {
+                let weights = weights(simd, &functions[function as usize], footprint, &queries);
+                if simd.first_true_m32s(simd.greater_than_f32s(weights, simd.splat_f32s(0.0))) >= S::F32_LANES {
+                    continue;
+                }
+                let weights = bytemuck::cast_slice::<S::f32s, f32>(std::slice::from_ref(&weights));
+                for (list, &weight) in lists[lanes.clone()].iter_mut().zip(weights) {
+                    if weight > 0.0 {
+                        list.push(Weight { function, weight });
+                    }
+                }
             }
         });
     }

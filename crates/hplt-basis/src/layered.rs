@@ -1,7 +1,7 @@
 use hplt_geom::{OrientedPoint, RegionId, Rgb};
 
-use crate::reconstruction::{begin, combine, for_each, nearest_on_any_level};
-use crate::{Absolute, Coefficients, Coverage, Reconstruction, ShepardBasis, Weight};
+use crate::reconstruction::{begin, coherent_order, nearest_on_any_level};
+use crate::{Absolute, Coefficients, Coverage, LayeredScratch, Reconstruction, ShepardBasis, Weight};
 
 /// The continuous field of a hierarchy whose finer levels exist only where they are needed:
 ///
@@ -20,72 +20,7 @@ pub struct Layered;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LayeredNearest;
 
-/// Weights of a level this large, on and off its functions, are full coverage: what Poisson-disk sets guarantee.
-const FULL_COVERAGE: f32 = 0.125;
-
-/// Buffers of [`ShepardBasis::expand`].
-#[derive(Debug, Default)]
-pub struct LayeredScratch {
-    here: Vec<Weight>,
-    finer: Vec<Weight>,
-}
-
 impl ShepardBasis {
-    /// Replaces `expansion` by the weights of [`Layered`] on functions of the `n_levels` coarsest levels, with their
-    /// [flat indices](Self::flat_index), summing to 1; empty where no function is.
-    pub fn expand(
-        &self,
-        n_levels: usize,
-        query: &OrientedPoint,
-        expansion: &mut Vec<Weight>,
-        scratch: &mut LayeredScratch,
-    ) -> Coverage {
-        expansion.clear();
-        let mut coverage = Coverage { queries: 1, ..Coverage::default() };
-        let Some(start) = (0..n_levels).find(|&level| self.weights(level, query, &mut scratch.here)) else {
-            match self.nearest_on_any_level(n_levels, query) {
-                Some((level, i)) => {
-                    coverage.nearest = 1;
-                    expansion.push(Weight { function: self.flat_index(level, i), weight: 1.0 });
-                }
-                None => coverage.uncovered = 1,
-            }
-            return coverage;
-        };
-        let mut share = 1.0;
-        for level in start..n_levels {
-            let finer_share = if level + 1 < n_levels { self.finer_share(level, query, scratch) } else { 0.0 };
-            let first = self.flat_index(level, 0);
-            let rest = share * (1.0 - finer_share);
-            if rest > 0.0 {
-                let part = scratch.here.iter();
-                expansion.extend(part.map(|w| Weight { function: first + w.function, weight: rest * w.weight }));
-            }
-            share *= finer_share;
-            if share == 0.0 {
-                break;
-            }
-            std::mem::swap(&mut scratch.here, &mut scratch.finer);
-        }
-        coverage
-    }
-
-    /// How much of the field at `query` comes from finer levels than `level`, whose weights are in `scratch.here`; leaves
-    /// the weights of the next level in `scratch.finer`.
-    fn finer_share(&self, level: usize, query: &OrientedPoint, scratch: &mut LayeredScratch) -> f32 {
-        let coarse = &self.hierarchy().levels[level];
-        let refined: f32 = scratch.here.iter().filter(|w| coarse.is_refined(w.function)).map(|w| w.weight).sum();
-        if refined <= 0.0 {
-            return 0.0;
-        }
-        let sum = self.raw_weights(level + 1, query, &mut scratch.finer);
-        if sum < crate::MIN_WEIGHT_SUM {
-            return 0.0;
-        }
-        scratch.finer.iter_mut().for_each(|w| w.weight /= sum);
-        refined.min(1.0) * (sum / FULL_COVERAGE).min(1.0)
-    }
-
     /// The coarsest of `n_levels` levels that has functions which nothing finer stands in for.
     pub fn coarsest_read(&self, n_levels: usize) -> usize {
         self.n_whole.min(n_levels.saturating_sub(1))
@@ -133,25 +68,18 @@ impl Reconstruction<Absolute> for Layered {
         queries: &[OrientedPoint],
         out: &mut [Rgb],
     ) -> Coverage {
-        let mut scratch = LayeredScratch::default();
-        for_each(queries, out, |query, coverage| {
-            let mut value = Rgb::ZERO;
-            let mut share = 1.0;
-            let start = (0..n_levels).find(|&level| basis.weights(level, query, &mut scratch.here));
-            let Some(start) = start else {
-                return nearest_on_any_level(basis, coefficients, n_levels, query, coverage);
+        let mut coverage = begin(queries, out);
+        let order = coherent_order(queries);
+        let in_order: Vec<OrientedPoint> = order.iter().map(|&i| queries[i as usize]).collect();
+        basis.expand(n_levels, &in_order, &mut LayeredScratch::default(), |i, expansion, found| {
+            let value = |w: &Weight| {
+                let (level, function) = basis.level_of(w.function);
+                coefficients.level(level)[function as usize] * w.weight
             };
-            for level in start..n_levels {
-                let finer = if level + 1 < n_levels { basis.finer_share(level, query, &mut scratch) } else { 0.0 };
-                value += combine(&scratch.here, coefficients.level(level)) * (share * (1.0 - finer));
-                share *= finer;
-                if share == 0.0 {
-                    break;
-                }
-                std::mem::swap(&mut scratch.here, &mut scratch.finer);
-            }
-            value
-        })
+            out[order[i] as usize] = expansion.iter().map(value).sum();
+            coverage += Coverage { queries: 0, ..found };
+        });
+        coverage
     }
 
     fn in_sight(

@@ -10,7 +10,6 @@ use crate::lanes::{self, Function};
 pub(crate) struct NearestIndex {
     lists: Lists,
     points: Vec<OrientedPoint>,
-    functions: Vec<Function>,
     reach: f32,
 }
 
@@ -33,12 +32,7 @@ impl NearestIndex {
             });
         }
         entries.sort_unstable();
-        Self {
-            lists: Lists::new(&entries, cells_per_unit),
-            points: functions.to_vec(),
-            functions: functions.iter().map(Function::of).collect(),
-            reach,
-        }
+        Self { lists: Lists::new(&entries, cells_per_unit), points: functions.to_vec(), reach }
     }
 
     /// The nearest function to `query` that is in its region, on its side ([`SAME_SIDE`], [`LEAST_COSINE`]) and within sight of it,
@@ -55,10 +49,11 @@ impl NearestIndex {
         nearest
     }
 
-    /// [`nearest`](Self::nearest) for each of many queries, in a fraction of the time where many lie near each other.
-    pub fn nearest_many(&self, queries: &[OrientedPoint]) -> Vec<Option<u32>> {
+    /// [`nearest`](Self::nearest) of the `functions` of the level for each of many queries, in a fraction of the time where many lie
+    /// near each other.
+    pub fn nearest_many(&self, functions: &[Function], queries: &[OrientedPoint]) -> Vec<Option<u32>> {
         let by_cell = self.lists.by_cell(queries, |query| facing(query.normal));
-        let found = lanes::nearest(&self.functions, (self.reach, SAME_SIDE), &by_cell.columns, by_cell.groups);
+        let found = lanes::nearest(functions, (self.reach, SAME_SIDE), &by_cell.columns, by_cell.groups);
         let mut out = vec![None; queries.len()];
         for (&query, &found) in by_cell.order.iter().zip(&found) {
             out[query as usize] = (found != lanes::NONE).then_some(found);
@@ -67,7 +62,7 @@ impl NearestIndex {
     }
 
     pub fn memory(&self) -> usize {
-        self.lists.memory() + size_of_val(&self.points[..]) + size_of_val(&self.functions[..])
+        self.lists.memory() + size_of_val(&self.points[..])
     }
 }
 
@@ -87,6 +82,10 @@ mod tests {
     use crate::cells::tests::{functions, queries};
 
     const REACH: f32 = 0.15;
+
+    fn prepared(points: &[OrientedPoint]) -> Vec<Function> {
+        points.iter().map(Function::of).collect()
+    }
 
     /// The one that a look at all of them finds, one query at a time or many at once.
     #[test]
@@ -109,7 +108,7 @@ mod tests {
         let expected: Vec<_> = queries.iter().map(nearest_of_all).collect();
         let one_by_one: Vec<_> = queries.iter().map(|query| index.nearest(query)).collect();
         assert_eq!(one_by_one, expected);
-        assert_eq!(index.nearest_many(&queries), expected);
+        assert_eq!(index.nearest_many(&prepared(&functions), &queries), expected);
         let n_found = expected.iter().flatten().count();
         assert!((1000..4000).contains(&n_found), "{n_found}");
     }
@@ -118,11 +117,13 @@ mod tests {
     #[test]
     fn of_equals_the_first_answers() {
         let once = functions(300, 1);
-        let twice = NearestIndex::build(&[&once[..], &once[..]].concat(), REACH);
-        let (once, queries) = (NearestIndex::build(&once, REACH), queries());
-        assert_eq!(twice.nearest_many(&queries), once.nearest_many(&queries));
+        let twice = [&once[..], &once[..]].concat();
+        let (of_once, of_twice) = (NearestIndex::build(&once, REACH), NearestIndex::build(&twice, REACH));
+        let queries = queries();
+        let expected = of_once.nearest_many(&prepared(&once), &queries);
+        assert_eq!(of_twice.nearest_many(&prepared(&twice), &queries), expected);
         for query in &queries {
-            assert_eq!(twice.nearest(query), once.nearest(query));
+            assert_eq!(of_twice.nearest(query), of_once.nearest(query));
         }
     }
 }

@@ -163,21 +163,20 @@ pub(crate) fn for_each(
     coverage
 }
 
-/// Visits the index of every query once, those of many in an order in which neighbours follow each other.
+/// Visits the index of every query once, in [an order](coherent_order) in which neighbours follow each other.
 pub(crate) fn visit_coherently(queries: &[OrientedPoint], visit: impl FnMut(usize)) {
-    if queries.len() < FEW {
-        (0..queries.len()).for_each(visit);
-    } else {
-        coherent_order(queries).for_each(visit);
-    }
+    coherent_order(queries).into_iter().map(|i| i as usize).for_each(visit);
 }
 
 /// Queries below this number are answered in the order given.
 pub(crate) const FEW: usize = 64;
 
 /// The queries cell by cell of a grid, so that what is read for one is in the nearest cache for the next.
-fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
+pub(crate) fn coherent_order(queries: &[OrientedPoint]) -> Vec<u32> {
     const CELLS_PER_AXIS: f32 = 64.0;
+    if queries.len() < FEW {
+        return (0..queries.len() as u32).collect();
+    }
     let key = |(i, query): (usize, &OrientedPoint)| {
         // Saturates for what is outside.
         let [x, y, z] = (0.5 * CELLS_PER_AXIS * (query.position + 1.0)).to_array().map(|c| c as u8);
@@ -185,7 +184,7 @@ fn coherent_order(queries: &[OrientedPoint]) -> impl Iterator<Item = usize> {
     };
     let mut keys: Vec<u64> = queries.iter().enumerate().map(key).collect();
     keys.sort_unstable();
-    keys.into_iter().map(|key| key as u32 as usize)
+    keys.into_iter().map(|key| key as u32).collect()
 }
 
 pub(crate) fn combine(weights: &[Weight], coefficients: &[Rgb]) -> Rgb {

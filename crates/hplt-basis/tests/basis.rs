@@ -5,8 +5,8 @@ mod common;
 use common::{Noise, plane, point};
 use glam::Vec3;
 use hplt_basis::{
-    Absolute, ApproximateNearest, BasisOptions, Coefficients, Delta, ExactShepard, LayeredScratch, Reconstruction,
-    ShepardBasis, absolute_from_delta, delta_from_absolute, restrict,
+    Absolute, ApproximateNearest, BasisOptions, Coefficients, Coverage, Delta, ExactShepard, LayeredScratch,
+    Reconstruction, ShepardBasis, absolute_from_delta, delta_from_absolute, restrict,
 };
 use hplt_geom::{OrientedPoint, RegionId, Rgb};
 
@@ -210,9 +210,13 @@ fn a_layered_expansion_goes_as_deep_as_there_are_functions() {
     hierarchy.levels[1].points.retain(|p| p.position.x < 0.5);
     let basis = ShepardBasis::build(hierarchy, BasisOptions::default());
     let n_coarse = basis.n_functions(0) as u32;
-    let (mut expansion, mut scratch) = (Vec::new(), LayeredScratch::default());
+    let mut scratch = LayeredScratch::default();
     let mut finer_share = |query: &OrientedPoint, n_levels: usize| {
-        let coverage = basis.expand(n_levels, query, &mut expansion, &mut scratch);
+        let mut expansion = Vec::new();
+        let mut coverage = Coverage::default();
+        basis.expand(n_levels, std::slice::from_ref(query), &mut scratch, |_, found, how| {
+            (expansion, coverage) = (found.clone(), how);
+        });
         assert_eq!((coverage.queries, coverage.nearest, coverage.uncovered), (1, 0, 0));
         let sum: f32 = expansion.iter().map(|w| w.weight).sum();
         assert!((sum - 1.0).abs() < 1e-5, "{sum}");

@@ -283,13 +283,23 @@ fn the_layered_expansion_goes_from_level_to_level_by_its_shares() {
         assert!(books.nearest > 100 && books.uncovered > 100, "{books:?}");
         // The same weights, function by function, and the support of the functions around.
         let queries = queries(&basis);
-        let (mut found, mut scratch) = (Vec::new(), LayeredScratch::default());
+        let mut expansions = Vec::new();
+        basis.expand(N_LEVELS, &queries, &mut LayeredScratch::default(), |i, found, coverage| {
+            assert_eq!(i, expansions.len());
+            expansions.push((found.clone(), coverage));
+        });
         let in_sight = Layered.in_sight(&basis, &field, N_LEVELS, &queries);
         let finest = basis.layered_nearest(N_LEVELS, &queries);
         assert_eq!((in_sight.len(), finest.len()), (queries.len(), queries.len()));
-        for ((query, in_sight), finest) in queries.iter().zip(in_sight).zip(finest) {
-            let coverage = basis.expand(N_LEVELS, query, &mut found, &mut scratch);
+        let mut alone = LayeredScratch::default();
+        for (((query, in_sight), finest), (found, coverage)) in queries.iter().zip(in_sight).zip(finest).zip(expansions)
+        {
+            basis.expand(N_LEVELS, std::slice::from_ref(query), &mut alone, |_, by_itself, _| {
+                assert_eq!(*by_itself, found, "the same bits, whatever else is asked for");
+            });
             let (value, expected_coverage) = answer(N_LEVELS, query);
+            // Dark regions need no answer.
+            let expected_coverage = if query.region == RegionId::DARK { ANSWERED } else { expected_coverage };
             assert_eq!(coverage, expected_coverage);
             let mut expected = layered(&basis, N_LEVELS, query).unwrap_or(vec![0.0; all.len()]);
             if let Some((level, function)) =

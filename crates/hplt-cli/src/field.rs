@@ -9,7 +9,7 @@ use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, Rgb, parallel};
 use hplt_splat::{GBuffer, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
 use hplt_transport::{
     ErrorEstimate, ErrorProbe, FieldView, FinalGather, FinalGatherOptions, Gradients, LayeredInSight,
-    LayeredNearestInSight, Model, ReadBuffers, Reading, Sender, TransportOptions, TransportReport, estimate_error,
+    LayeredNearestInSight, Model, Reading, Sender, TransportOptions, TransportReport, estimate_error,
     final_gather_more, read_in_sight, transport_absolute, transport_delta,
 };
 
@@ -304,7 +304,7 @@ impl Read for Encoded<Absolute> {
             Part::Indirect => (self.gradients(model), self.noise.as_ref()),
         };
         let field = FieldView { values: self.part(part), gradients, noise };
-        parallel::map(points.len(), ReadBuffers::default, |buffers, i| read_in_sight(model, field, &points[i], buffers))
+        read_in_sight(model, field, points)
     }
 }
 

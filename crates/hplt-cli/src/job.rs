@@ -1,7 +1,7 @@
 //! The stages that light a scene, in order.
 
 use hplt_basis::{BasisOptions, ShepardBasis};
-use hplt_geom::{Bvh, BvhOptions, Extent, Interrupted, OrientedPoint, PointHierarchy, Progress, Scene};
+use hplt_geom::{Bvh, BvhOptions, Extent, Interrupted, OrientedPoint, PointHierarchy, Progress, Scene, parallel};
 use hplt_sampling::random::Stage;
 use hplt_sampling::{HierarchyOptions, Regions, free_height, poisson_hierarchy, random_surface_points};
 use hplt_transport::{
@@ -59,11 +59,12 @@ impl Lit<'_> {
     /// Points as queries in their regions.
     pub fn locate(&self, points: &[(hplt_geom::glam::Vec3, hplt_geom::glam::Vec3)]) -> Vec<OrientedPoint> {
         let regions = self.regions.locate(self.scene, &self.bvh, points);
-        let query = |(&(position, normal), region)| {
+        let query = |(): &mut (), i: usize| {
+            let (position, normal) = points[i];
             let extent = Extent::of_query(free_height(&self.bvh, position, normal));
-            OrientedPoint { extent, ..OrientedPoint::new(position, normal, region) }
+            OrientedPoint { extent, ..OrientedPoint::new(position, normal, regions[i]) }
         };
-        points.iter().zip(regions).map(query).collect()
+        parallel::map(points.len(), || (), query)
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use hplt_geom::{OrientedPoint, Progress, RegionId, Rgb};
 use hplt_io::{IrradianceRow, Limits, SensorPoint, read_points_csv, write_irradiance_csv, write_irradiance_rows};
+use hplt_sampling::coherent_order;
 use hplt_sampling::random::Stage;
 use hplt_transport::{DirectOptions, direct_irradiance};
 
@@ -71,14 +72,17 @@ fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Res
     run.check_strict()?;
     let scene = lit.scene;
     let reach = (args.snap.0 * f64::from(scene.diagonal())) as f32;
+    // In an order in which neighbours follow each other, every stage finds what it reads for one in the nearest cache for the next.
+    let order = coherent_order(sensors.len(), |i| scene.frame().scene_from_world_point(sensors[i].position));
     let (placed, points) = run.stage("points onto surfaces", |_| {
-        let placed = place(scene, &lit.bvh, sensors, reach);
+        let in_order: Vec<SensorPoint> = order.iter().map(|&i| sensors[i as usize]).collect();
+        let placed = place(scene, &lit.bvh, &in_order, reach);
         let points = lit.locate(&placed.iter().map(|p| (p.position, p.normal)).collect::<Vec<_>>());
         (placed, points)
     });
     count(run, &placed, &points);
     let rays = (args.final_gather.or(run.reading.gather_rays()), args.doubtful_rays);
-    let light = match light_at(run, &lit, (&placed, &points), rays) {
+    let in_order = match light_at(run, &lit, (&placed, &points), rays) {
         Err(failure) if failure.exit == Exit::Interrupted => {
             lit.is_cut_short = true;
             run.cut_short();
@@ -87,6 +91,8 @@ fn measure(run: &mut Run<'_>, args: &PointsArgs, sensors: &[SensorPoint]) -> Res
         }
         other => other?,
     };
+    let mut light = vec![[Rgb::ZERO; 2]; sensors.len()];
+    order.iter().zip(in_order).for_each(|(&i, found)| light[i as usize] = found);
     if let Some(i) = light.iter().position(|[d, i]| !(*d + *i).is_finite()) {
         let message = format!("point {}: irradiance is not finite; expected finite light", i + 1);
         return Err(Failure::new(Exit::NotFinite, "NOT_FINITE", message));
@@ -107,9 +113,10 @@ fn count(run: &mut Run<'_>, placed: &[Placed], points: &[OrientedPoint]) {
     }
 }
 
-/// Shadow rays to each of few emitters where indirect light is interpolated. On Sponza they add a fifth of a per cent to an error of five
-/// and take a third of the time of as many as a gather deserves.
+/// Shadow rays to each of few emitters where indirect light is interpolated, at most, and how many have to get there. On Sponza direct
+/// light is 0.46 % off with these and 0.30 % with all of them, at points where interpolation is five per cent off.
 const ROUGH_SHADOW_RAYS: u32 = 256;
+const ENOUGH_SHADOW_RAYS: u32 = 16;
 const FEW_EMITTERS: usize = 4;
 
 /// Direct and indirect irradiance at every point. After an early stop all of it is interpolated.
@@ -129,7 +136,7 @@ fn light_at(
     let fine = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
     let is_rough = final_gather.is_none() && lit.lights.n_emitters() <= FEW_EMITTERS;
     let lights = lit.lights.with_options(match is_rough {
-        true => DirectOptions { light_samples: ROUGH_SHADOW_RAYS, ..fine },
+        true => DirectOptions { light_samples: ROUGH_SHADOW_RAYS, enough: ENOUGH_SHADOW_RAYS, ..fine },
         false => fine,
     });
     let direct = run

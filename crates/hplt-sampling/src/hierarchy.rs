@@ -4,7 +4,7 @@ use hplt_geom::{OrientedPoint, PointHierarchy, PointLevel, Progress, RayCaster, 
 
 use crate::candidates::{Candidates, random_points};
 use crate::components::Components;
-use crate::morton::morton_code;
+use crate::morton::{coherent_order, morton_code};
 use crate::options::{HierarchyOptions, LevelPlan};
 use crate::poisson::Level;
 use crate::random::Stage;
@@ -133,10 +133,11 @@ fn throw_all(
 ) -> Result<(), Error> {
     let (points, caster) = (candidates.points(), candidates.caster());
     let mut start = first;
-    let mut batches = Vec::new();
+    let mut batches: Vec<Vec<u32>> = Vec::new();
     while start < points.len() {
         let end = (2 * start).max(1024).min(points.len());
-        batches.push(coherent_order(points, start, end));
+        let order = coherent_order(end - start, |i| points[start + i].position).into_iter();
+        batches.push(order.map(|i| start as u32 + i).collect());
         start = end;
     }
     let finest = levels.len() - 1;
@@ -163,13 +164,6 @@ fn throw_all(
     .map(|_: Vec<()>| ())
 }
 
-/// The indices `start..end`, neighbours in space next to each other.
-fn coherent_order(candidates: &[OrientedPoint], start: usize, end: usize) -> Vec<u32> {
-    let mut keys: Vec<u64> = (start..end).map(|i| morton_code(candidates[i].position) >> 31 << 32 | i as u64).collect();
-    keys.sort_unstable();
-    keys.into_iter().map(|key| key as u32).collect()
-}
-
 fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, most: usize, round: u32) -> f64 {
     let n = (FRESH_PER_CANDIDATE * candidates.points().len()).min(most);
     let fresh = candidates.fresh(n, round);
@@ -180,7 +174,7 @@ fn uncovered_fraction(levels: &[Level], candidates: &mut Candidates<'_>, most: u
 
 /// Areas and order.
 fn finish(levels: Vec<Level>, candidates: &Candidates<'_>, plan: &LevelPlan) -> Vec<PointLevel> {
-    let order = coherent_order(candidates.points(), 0, candidates.points().len());
+    let order = coherent_order(candidates.points().len(), |i| candidates.points()[i].position);
     let share = |l: usize| {
         let counts = count_owned(&levels[l], candidates, &order);
         let n_used: u64 = counts.iter().map(|&n| u64::from(n)).sum();

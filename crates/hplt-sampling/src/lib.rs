@@ -33,6 +33,7 @@ pub mod warp;
 
 pub use error::Error;
 pub use hierarchy::{Hierarchy, poisson_hierarchy, random_surface_points};
+pub use morton::coherent_order;
 pub use options::{HierarchyOptions, Radius};
 pub use refine::refined_level;
 pub use regions::Regions;

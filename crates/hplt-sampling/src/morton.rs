@@ -2,6 +2,13 @@
 
 use glam::Vec3;
 
+/// The numbers below `n`, those whose positions (scene space) are neighbours next to each other.
+pub fn coherent_order(n: usize, position: impl Fn(usize) -> Vec3) -> Vec<u32> {
+    let mut keys: Vec<u64> = (0..n).map(|i| morton_code(position(i)) >> 31 << 32 | i as u64).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|key| key as u32).collect()
+}
+
 /// The position on a Morton curve through `[-1, 1)³`, 21 bits per axis; what lies outside is clamped.
 pub(crate) fn morton_code(p: Vec3) -> u64 {
     let cell = ((p + Vec3::ONE) * (1 << 20) as f32).clamp(Vec3::ZERO, Vec3::splat(2_097_151.0));
@@ -20,6 +27,12 @@ fn spread(mut x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn neighbours_follow_each_other() {
+        let order = coherent_order(1000, |i| Vec3::splat((i * 617 % 1000) as f32 / 1000.0));
+        assert!(order.windows(2).all(|w| w[0] * 617 % 1000 < w[1] * 617 % 1000));
+    }
 
     #[test]
     fn bits_are_interleaved() {

@@ -44,6 +44,9 @@ pub struct DirectOptions {
     pub seed: u64,
     /// Shadow rays per emitter where there are few, per point where there are many; a power of two.
     pub light_samples: u32,
+    /// Where there are few emitters, shadow rays to one that get there after which `light_samples` need not be cast, a power of two: what is dim is sampled
+    /// longer.
+    pub enough: u32,
     /// Rays per point towards the sky, or over the hemisphere; a power of two.
     pub sky_samples: u32,
     /// Which estimator.
@@ -53,7 +56,7 @@ pub struct DirectOptions {
 impl DirectOptions {
     /// For senders: many points, each coarse.
     pub fn projection() -> Self {
-        Self { seed: 0, light_samples: 16, sky_samples: 64, estimator: DirectEstimator::Auto }
+        Self { seed: 0, light_samples: 16, enough: u32::MAX, sky_samples: 64, estimator: DirectEstimator::Auto }
     }
 
     /// For the points of a random walk: one ray per emitter.
@@ -307,6 +310,11 @@ impl Shadows {
         }
         (visible, all)
     }
+
+    /// How many of the rays got there.
+    fn n_seen(&self) -> u32 {
+        self.occluded.iter().map(|&occluded| u32::from(!occluded)).sum()
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -339,7 +347,8 @@ struct PointSampler<'a> {
 impl PointSampler<'_> {
     /// Cutting one triangle out takes about as long as this many rays take.
     fn max_blockers(&self) -> usize {
-        LEAST_BLOCKERS + (self.light.options.light_samples / RAYS_PER_BLOCKER) as usize
+        let DirectOptions { light_samples, enough, .. } = self.light.options;
+        LEAST_BLOCKERS + (light_samples.min(enough) / RAYS_PER_BLOCKER) as usize
     }
 
     fn segment_to(&self, emitter: &Emitter, target: Vec3) -> Ray {
@@ -394,8 +403,8 @@ impl PointSampler<'_> {
         share(visible, all)
     }
 
-    /// What the unoccluded shadow rays bring, and what all would; `push` adds ray `k`. The first are [enough](ENOUGH_TO_TELL) if all of them
-    /// get there and only the share counts.
+    /// What the unoccluded shadow rays bring, and what all would; `push` adds ray `k`. Where only the share counts, the first are enough
+    /// to tell if all of them get there, or as soon as [enough](DirectOptions::enough) do.
     fn cast(
         &self,
         caster: &dyn RayCaster,
@@ -403,19 +412,20 @@ impl PointSampler<'_> {
         shadows: &mut Shadows,
         push: impl Fn(&mut Shadows, u32),
     ) -> (DVec3, DVec3) {
-        let mut cast = |rays: std::ops::Range<u32>| {
+        let DirectOptions { light_samples: n, enough, .. } = self.light.options;
+        let (mut visible, mut all, mut n_seen) = (DVec3::ZERO, DVec3::ZERO, 0);
+        let (mut cast, mut goal) = (0, n.min(ENOUGH_TO_TELL).min(enough.saturating_mul(2)));
+        loop {
             shadows.clear();
-            rays.for_each(|k| push(shadows, k));
-            shadows.trace(caster)
-        };
-        let n = self.light.options.light_samples;
-        let first = n.min(ENOUGH_TO_TELL);
-        let (visible, all) = cast(0..first);
-        if first == n || only_share_counts && visible == all {
-            return (visible, all);
+            (cast..goal).for_each(|k| push(shadows, k));
+            let (more_visible, more) = shadows.trace(caster);
+            (visible, all) = (visible + more_visible, all + more);
+            n_seen += shadows.n_seen();
+            if goal == n || only_share_counts && (visible == all || n_seen >= enough) {
+                return (visible, all);
+            }
+            (cast, goal) = (goal, if enough < n { n.min(2 * goal) } else { n });
         }
-        let (more_visible, more) = cast(first..n);
-        (visible + more_visible, all + more)
     }
 
     fn some_emitters(

@@ -550,7 +550,12 @@ impl PathSink for RowSink<'_> {
                     self.expansion.push(Weight { function: basis.flat_index(level, i), weight: 1.0 });
                     self.coverage.queries += 1;
                 }
-                _ => self.coverage += basis.expand(n_levels, &arrival.point, self.expansion, self.layered),
+                _ => {
+                    basis.expand(n_levels, std::slice::from_ref(&arrival.point), self.layered, |_, expansion, found| {
+                        self.expansion.clone_from(expansion);
+                        self.coverage += found;
+                    })
+                }
             }
             let mut indirect = Rgb::ZERO;
             for w in &*self.expansion {

@@ -7,7 +7,7 @@ use hplt_basis::{
     Absolute, Coefficients, Coverage, LayeredNearest, LayeredScratch, Reconstruction, ShepardBasis, Weight,
 };
 use hplt_geom::radiometry::luminance;
-use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb};
+use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb, parallel};
 use hplt_sampling::is_in_sight;
 
 use crate::{Gradients, Model};
@@ -21,6 +21,8 @@ const AGREEMENT: f32 = 0.03;
 /// Free height over a query, in supports of the functions there, below which they are too coarse for it: light in a slit changes
 /// over distances like its height.
 pub(crate) const SLIT: f32 = 0.3;
+/// Queries read by one task.
+const CHUNK: usize = 256;
 /// Share of the weights at least that must be in sight.
 const LEAST_SHARE: f32 = 0.5;
 
@@ -82,14 +84,12 @@ impl Reconstruction<Absolute> for LayeredInSight<'_> {
         queries: &[OrientedPoint],
         out: &mut [Rgb],
     ) -> Coverage {
-        let mut buffers = ReadBuffers::default();
+        let field = FieldView { values: coefficients, gradients: self.gradients, noise: None };
         let mut coverage = Coverage { queries: queries.len() as u64, ..Coverage::default() };
-        for (query, out) in queries.iter().zip(out) {
-            let field = FieldView { values: coefficients, gradients: self.gradients, noise: None };
-            let reading = read_levels_in_sight((basis, self.caster), field, n_levels, query, &mut buffers);
+        read_levels((basis, self.caster), field, n_levels, queries, &mut LayeredScratch::default(), |i, reading| {
             coverage.nearest += u64::from(reading.spread == f32::INFINITY);
-            *out = reading.irradiance;
-        }
+            out[i] = reading.irradiance;
+        });
         coverage
     }
 }
@@ -130,29 +130,44 @@ impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
     }
 }
 
-/// Reads the layered field of these coefficients at `query`, to first order with its gradients.
-pub fn read_in_sight(
-    model: &Model<'_>,
-    field: FieldView<'_>,
-    query: &OrientedPoint,
-    buffers: &mut ReadBuffers,
-) -> Reading {
-    let levels = model.basis.n_levels();
-    read_levels_in_sight((model.basis, model.caster), field, levels, query, buffers)
+/// Reads the layered field of these coefficients at all `queries`, in order, to first order with its gradients. What is read at one does
+/// not depend on the others; it is read faster where neighbours follow each other. Runs in parallel.
+pub fn read_in_sight(model: &Model<'_>, field: FieldView<'_>, queries: &[OrientedPoint]) -> Vec<Reading> {
+    let (Model { basis, caster, .. }, n_levels) = (*model, model.basis.n_levels());
+    let readings = parallel::map(queries.len().div_ceil(CHUNK), LayeredScratch::default, |scratch, chunk| {
+        let queries = &queries[chunk * CHUNK..queries.len().min((chunk + 1) * CHUNK)];
+        let mut readings = Vec::with_capacity(queries.len());
+        read_levels((basis, caster), field, n_levels, queries, scratch, |_, reading| readings.push(reading));
+        readings
+    });
+    readings.concat()
 }
 
-fn read_levels_in_sight(
+fn read_levels(
+    (basis, caster): (&ShepardBasis, &dyn RayCaster),
+    field: FieldView<'_>,
+    n_levels: usize,
+    queries: &[OrientedPoint],
+    scratch: &mut LayeredScratch,
+    mut visit: impl FnMut(usize, Reading),
+) {
+    basis.expand(n_levels, queries, scratch, |i, expansion, coverage| {
+        let reading = match queries[i].region {
+            RegionId::DARK => Reading::DARK,
+            _ => read_expansion((basis, caster), field, &queries[i], expansion, coverage),
+        };
+        visit(i, reading);
+    });
+}
+
+/// The value of a layered expansion on those of its functions that are in sight.
+fn read_expansion(
     (basis, caster): (&ShepardBasis, &dyn RayCaster),
     FieldView { values, gradients, noise }: FieldView<'_>,
-    n_levels: usize,
     query: &OrientedPoint,
-    buffers: &mut ReadBuffers,
+    expansion: &mut Vec<Weight>,
+    coverage: Coverage,
 ) -> Reading {
-    if query.region == RegionId::DARK {
-        return Reading::DARK;
-    }
-    let ReadBuffers { expansion, layered } = buffers;
-    let coverage = basis.expand(n_levels, query, expansion, layered);
     let guess = |value| Reading { irradiance: value, spread: f32::INFINITY, noise: 0.0 };
     let value = |w: &Weight| {
         let (level, i) = basis.level_of(w.function);
@@ -199,13 +214,6 @@ fn read_levels_in_sight(
         return guess(irradiance);
     }
     Reading { irradiance, spread: spread_of(expansion, irradiance, share), noise: noise_of(expansion, share) }
-}
-
-/// Buffers of [`read_in_sight`].
-#[derive(Debug, Default)]
-pub struct ReadBuffers {
-    expansion: Vec<Weight>,
-    layered: LayeredScratch,
 }
 
 /// For each query level and index of the function that a gather ray reads there: the approximately nearest, if a ray finds it in sight.

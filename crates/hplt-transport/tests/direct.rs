@@ -1,8 +1,12 @@
 //! Direct light against closed forms.
 
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::{
-    Bvh, BvhOptions, Environment, Image, Material, NoProgress, OrientedPoint, RegionId, Rgb, Scene, SceneBuilder,
+    Blocker, Bvh, BvhOptions, Environment, Hit, Image, Material, NoProgress, OrientedPoint, Ray, RayCaster, RegionId,
+    Rgb, Scene, SceneBuilder, Shaft,
 };
 use hplt_reference::scenes::{self, Shape};
 use hplt_sampling::random::Stage;
@@ -196,5 +200,56 @@ fn what_is_left_of_a_lamp_is_sampled() {
 fn a_hidden_lamp_gives_exactly_nothing() {
     for options in [DirectOptions::measurement(), DirectOptions::projection()] {
         assert_eq!(through_slit(0.0, 4.0, Some(false), options), [0.0; 8]);
+    }
+}
+
+/// Shadow rays that get there are enough when there are sixteen of them.
+const ROUGH: DirectOptions =
+    DirectOptions { seed: 0, light_samples: 256, enough: 16, sky_samples: 1, estimator: DirectEstimator::Lights };
+
+/// Counts shadow rays.
+struct Counting<'a>(&'a Bvh, AtomicUsize);
+
+impl RayCaster for Counting<'_> {
+    fn trace_nearest(&self, rays: &[Ray], hits: &mut [Hit]) {
+        self.0.trace_nearest(rays, hits);
+    }
+
+    fn trace_occluded(&self, rays: &[Ray], occluded: &mut [bool]) {
+        self.1.fetch_add(rays.len(), Ordering::Relaxed);
+        self.0.trace_occluded(rays, occluded);
+    }
+
+    fn visit_blockers(&self, shaft: &Shaft, visit: &mut dyn FnMut(&Blocker) -> ControlFlow<()>) -> bool {
+        self.0.visit_blockers(shaft, visit)
+    }
+}
+
+/// What points on the floor receive through two crowds of small triangles that leave a slit of the width
+/// `2 gap` open between them, and the shadow rays that it took.
+fn through_crowds(gap: f64, options: DirectOptions) -> (Vec<f32>, usize) {
+    let mut builder = floor_and_lamp(1);
+    let black = builder.push_material(Material::diffuse("crowd", Rgb::ZERO));
+    let corner = |x: f64, z: f64| DVec3::new(x, 0.75, z);
+    for [low, high] in [[-3.0, -gap], [gap, 3.0]] {
+        Shape::new()
+            .grid([corner(low, -3.0), corner(low, 3.0), corner(high, 3.0), corner(high, -3.0)], 60, 120)
+            .push_into(&mut builder, "crowd", black);
+    }
+    let scene = scenes::build(builder);
+    let points: Vec<_> = (0..32).map(|i| at(&scene, [0.0, 0.0, 0.01 * f64::from(i)], Vec3::Y)).collect();
+    let caster = Counting(&Bvh::build(&scene, BvhOptions::default()).0, AtomicUsize::new(0));
+    let light = DirectLight::new(&scene, options);
+    let found = direct_irradiance(&light, &caster, &points, Stage::Direct, &NoProgress).unwrap();
+    (found.into_iter().map(|e| e.x).collect(), caster.1.into_inner())
+}
+
+#[test]
+fn shadow_rays_end_when_enough_get_there() {
+    let patient = DirectOptions { enough: u32::MAX, ..ROUGH };
+    let ((found, few), (truth, many)) = (through_crowds(0.2, ROUGH), through_crowds(0.2, patient));
+    assert!(4 * few <= many, "{few} {many}");
+    for (found, truth) in found.iter().zip(&truth) {
+        assert!((found / truth - 1.0).abs() < 0.2, "{found} {truth}");
     }
 }
