@@ -164,7 +164,8 @@ mod tests {
             emits: Sides::Both,
             ..Material::emitter("leaf", Rgb::new(0.8, 0.4, 0.0), Rgb::splat(3.0))
         };
-        let flat = Material { emits: Sides::Both, ..Material::emitter("leaf", Rgb::new(0.4, 0.2, 0.0), Rgb::splat(1.5)) };
+        let flat =
+            Material { emits: Sides::Both, ..Material::emitter("leaf", Rgb::new(0.4, 0.2, 0.0), Rgb::splat(1.5)) };
         assert_eq!(textured.flattened(), flat);
         assert_eq!(flat.flattened(), flat);
     }
