@@ -36,6 +36,8 @@ def read_glb(path):
 
     def visit(index, above):
         node = tree["nodes"][index]
+        if "KHR_lights_punctual" in node.get("extensions", {}):
+            raise Refused("a light without surface")
         world = above @ matrix(node)
         if "mesh" in node:
             for primitive in tree["meshes"][node["mesh"]]["primitives"]:

@@ -27,7 +27,8 @@ Exit codes:
   130  interrupted; finished bounces are written and marked, a second signal ends at once
 
 SCENE is a .gltf, .glb or .obj file, or gen:NAME for a built-in one (hplt gen --list), gen:NAME:N with
-about N triangles, gen:room-with=FILE:SCALE for the mesh of a file in the closed Cornell room. Outputs appear complete or not at all. A file that hplt did not write is only replaced with --force.
+about N triangles, gen:room-with=FILE:SCALE for the mesh of a file in the closed Cornell room, gen:flat=FILE for a file with
+the mean colours of its textures and its cut-outs filled. Outputs appear complete or not at all. A file that hplt did not write is only replaced with --force.
 Results go to stdout or to files, everything else to stderr. Without a command, hplt lights the Cornell box:
     hplt render gen:cornell -o out/cornell.png -o out/cornell.exr";
 
@@ -412,7 +413,7 @@ pub struct InfoArgs {
 Example: a statue of about a million triangles in a closed room
     hplt gen statue-room --triangles 1000000 -o room.glb")]
 pub struct GenArgs {
-    /// Name of the scene
+    /// Name of the scene, with what `gen:` takes after it
     #[arg(required_unless_present = "list")]
     pub name: Option<String>,
     /// File to write

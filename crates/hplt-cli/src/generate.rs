@@ -1,21 +1,22 @@
 //! `hplt gen`
 
 use hplt_geom::BuildPolicy;
-use hplt_io::write_glb;
+use hplt_io::{LoadOptions, LoadReport, Loaded, write_glb};
 use serde_json::json;
 
 use crate::args::GenArgs;
 use crate::builtin::{BUILTINS, build};
-use crate::exit::{Exit, Failure};
+use crate::exit::Failure;
+use crate::load::{build_failure, made};
 use crate::outputs::{check_outputs, extension, to_stdout};
 use crate::progress::say;
 use crate::session::Ended;
 use crate::values::human_count;
 
-/// Writes a procedural scene, or lists them.
+/// Writes a built-in scene, or lists them.
 ///
 /// # Errors
-/// When there is no such scene, or the file cannot be written.
+/// When there is no such scene, a file that it is made of cannot be used, or its own cannot be written.
 pub fn run(args: &GenArgs) -> Result<Ended, Failure> {
     if args.list {
         return list(args);
@@ -28,16 +29,18 @@ pub fn run(args: &GenArgs) -> Result<Ended, Failure> {
         return Err(Failure::usage(format!("{shown}: unknown kind of scene file; expected .glb")));
     }
     check_outputs(&[output], &[], args.output_flags.force)?;
-    let (scene, _) = build(name, args.triangles)?
-        .build(BuildPolicy::default())
-        .map_err(|e| Failure::new(Exit::Bug, "GEN", format!("{name}: {e}")))?;
-    let left_out = write_glb(output, &scene)?;
+    let Loaded { scene, report } = match args.triangles {
+        Some(_) => Loaded { scene: build(name, args.triangles)?, report: LoadReport::default() },
+        None => made(name, &LoadOptions::default())?,
+    };
+    let (scene, _) = scene.build(BuildPolicy::default()).map_err(|e| build_failure(&hplt_io::sanitized(name), e))?;
+    let warnings = [report.warnings, write_glb(output, &scene)?].concat();
     if !args.output_flags.quiet {
-        left_out.iter().for_each(|line| say(&format!("warning: {line}")));
+        warnings.iter().for_each(|line| say(&format!("warning: {line}")));
         say(&format!("wrote     {shown}: {} triangles", human_count(scene.mesh().n_triangles() as u64)));
     }
     Ok(Ended::ok(json!({
-        "command": "gen", "name": name, "triangles": scene.mesh().n_triangles(), "warnings": left_out, "outputs": [shown],
+        "command": "gen", "name": name, "triangles": scene.mesh().n_triangles(), "warnings": warnings, "outputs": [shown],
     })))
 }
 

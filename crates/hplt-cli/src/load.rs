@@ -1,11 +1,12 @@
 //! From a scene's name to a [`Scene`], with the lights of flags and config.
 
+mod flat;
 mod room;
 
 use std::path::Path;
 
 use hplt_geom::{Scene, SceneReport};
-use hplt_io::{LoadReport, Loaded};
+use hplt_io::{LoadOptions, LoadReport, Loaded};
 
 use crate::builtin;
 use crate::exit::{Exit, Failure};
@@ -15,8 +16,6 @@ use crate::values::Radius;
 
 /// Vertices rounded to more than the finest radius over this are warned of.
 const SHARE_OF_RADIUS: f64 = 16.0;
-/// Starts the name of a room with the mesh of a file.
-const ROOM_WITH: &str = "room-with=";
 
 /// A scene that is ready to be lit.
 pub struct LoadedScene {
@@ -32,15 +31,14 @@ pub struct LoadedScene {
     pub left_out: Vec<String>,
 }
 
-/// Loads `name` (a file, `gen:NAME[:TRIANGLES]` or `gen:room-with=FILE[:SCALE]`), adds lights, validates.
+/// Loads `name` (a file or `gen:SPEC`, see [`made`]), adds lights, validates.
 ///
 /// # Errors
 /// When the file or a value in it cannot be used.
 pub fn load(name: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
     let shown = hplt_io::sanitized(name);
     let Loaded { scene: mut builder, report: loaded } = match name.strip_prefix("gen:") {
-        Some(name) if name.starts_with(ROOM_WITH) => room::load(&name[ROOM_WITH.len()..], &settings.load)?,
-        Some(name) => Loaded { scene: builtin::from_spec(name)?, report: LoadReport::default() },
+        Some(spec) => made(spec, &settings.load)?,
         None => hplt_io::load_scene(Path::new(name), &settings.load)?,
     };
     add_lights(&mut builder, &settings.config.light)?;
@@ -65,7 +63,20 @@ pub fn load(name: &str, settings: &Settings) -> Result<LoadedScene, Failure> {
     Ok(LoadedScene { name: shown, scene, loaded, warnings, left_out })
 }
 
-fn build_failure(name: &str, error: hplt_geom::Error) -> Failure {
+/// What `gen:SPEC` stands for: `NAME[:TRIANGLES]`, or what is made of a file, `room-with=FILE[:SCALE]` or `flat=FILE`.
+///
+/// # Errors
+/// When there is no such scene, or the file cannot be used.
+pub fn made(spec: &str, options: &LoadOptions) -> Result<Loaded, Failure> {
+    match spec.split_once('=') {
+        Some(("room-with", rest)) => room::load(rest, options),
+        Some(("flat", file)) => flat::load(file, options),
+        _ => Ok(Loaded { scene: builtin::from_spec(spec)?, report: LoadReport::default() }),
+    }
+}
+
+/// Why a scene cannot be built, and what would help.
+pub fn build_failure(name: &str, error: hplt_geom::Error) -> Failure {
     let hint = match &error {
         hplt_geom::Error::NoSurface => "; --allow-empty accepts it",
         hplt_geom::Error::NotFinite { place, .. } | hplt_geom::Error::OutOfRange { place, .. } => {

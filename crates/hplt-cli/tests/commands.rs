@@ -261,6 +261,19 @@ fn generated_files_light_like_the_scenes_that_they_hold() {
 }
 
 #[test]
+fn what_is_made_of_files_is_written_like_what_is_made_of_nothing() {
+    let folder = Folder::new();
+    folder.run(&["gen", "cornell", "-o", "a.glb"]).ok();
+    for (name, triangles) in [("room-with=a.glb", "48 triangles"), ("flat=a.glb", "36 triangles")] {
+        folder.run(&["gen", name, "-o", "b.glb", "--force"]).ok();
+        let said = folder.run(&["info", "b.glb"]).ok().stdout;
+        assert!(said.contains(triangles), "{name}: {said}");
+    }
+    folder.run(&["gen", "flat=none.glb", "-o", "c.glb"]).fails(3, "FILE_UNREADABLE");
+    folder.run(&["gen", "flat=a.glb", "--triangles", "100", "-o", "c.glb"]).fails(2, "USAGE");
+}
+
+#[test]
 fn info_tells_what_is_there_and_what_is_left_out() {
     let folder = Folder::new();
     let ran = folder.run(&["info", "gen:cornell"]).ok();

@@ -104,6 +104,20 @@ impl Material {
         Self { exitance, ..Self::diffuse(name, albedo) }
     }
 
+    /// The same in flat colours: the mean of each texture in its place, and surface where the alpha mask would cut it away.
+    pub fn flattened(&self) -> Self {
+        let mean = |slot: &Option<TextureSlot>| slot.as_ref().map_or(Rgb::ONE, |slot| slot.texture.mean());
+        Self {
+            name: self.name.clone(),
+            albedo: self.albedo * mean(&self.albedo_texture),
+            albedo_texture: None,
+            exitance: self.exitance * mean(&self.exitance_texture),
+            exitance_texture: None,
+            alpha: None,
+            ..*self
+        }
+    }
+
     /// Whether any part of the surface can emit.
     pub fn is_emissive(&self) -> bool {
         self.exitance.max_element() > 0.0
@@ -132,5 +146,27 @@ impl Material {
             return Rgb::ZERO;
         }
         self.exitance_texture.as_ref().map_or(self.exitance, |slot| self.exitance * slot.rgb(uv))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flat_material_has_the_mean_colour_and_no_holes() {
+        let texture = Texture::from_rgba8(2, 1, vec![[0, 0, 0, 0], [255, 255, 255, 255]]).unwrap();
+        let slot = TextureSlot { texture, transform: UvTransform::default(), wrap: [Wrap::Repeat; 2] };
+        let textured = Material {
+            albedo_texture: Some(slot.clone()),
+            exitance_texture: Some(slot.clone()),
+            alpha: Some(AlphaMask { factor: 1.0, texture: Some(slot), cutoff: 0.5 }),
+            emits: Sides::Both,
+            ..Material::emitter("leaf", Rgb::new(0.8, 0.4, 0.0), Rgb::splat(3.0))
+        };
+        let flat =
+            Material { emits: Sides::Both, ..Material::emitter("leaf", Rgb::new(0.4, 0.2, 0.0), Rgb::splat(1.5)) };
+        assert_eq!(textured.flattened(), flat);
+        assert_eq!(flat.flattened(), flat);
     }
 }

@@ -1,6 +1,8 @@
 use std::sync::{Arc, OnceLock};
 
-use glam::{Mat2, Vec2, Vec4};
+use glam::{DVec3, Mat2, Vec2, Vec4};
+
+use crate::Rgb;
 
 /// An image that materials look up, four bytes a texel, rows from the top.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +62,14 @@ impl Texture {
     /// Bytes that the texels take.
     pub fn memory(&self) -> usize {
         self.texels.len() * 4
+    }
+
+    /// The mean of all texels: linear RGB, each texel sRGB-decoded before it is added. Alpha has no say.
+    pub fn mean(&self) -> Rgb {
+        let table = srgb_table();
+        let sum: DVec3 =
+            self.texels.iter().map(|&[r, g, b, _]| Rgb::from([r, g, b].map(|c| table[c as usize])).as_dvec3()).sum();
+        (sum / self.texels.len() as f64).as_vec3()
     }
 
     /// The bilinear interpolation at `uv` (origin at the top left): linear RGB, each texel sRGB-decoded before it is
@@ -129,6 +139,14 @@ mod tests {
         let middle = texture.sample(Vec2::new(0.5, 0.5), [Wrap::Clamp; 2]);
         assert!((middle.x - 0.5).abs() < 1e-6 && (middle.w - 0.5).abs() < 1e-6);
         assert_eq!(texture.sample(Vec2::new(0.25, 0.5), [Wrap::Clamp; 2]).x, 0.0);
+    }
+
+    #[test]
+    fn the_mean_is_of_linear_values_whatever_alpha_says() {
+        assert_eq!(two_by_one().mean(), Rgb::splat(0.5));
+        let reds = [0, 188].map(|r| [r, 255, 0, 255]);
+        let mean = Texture::from_rgba8(1, 2, reds.into()).unwrap().mean();
+        assert!((mean - Rgb::new(0.5 * 0.5028865, 1.0, 0.0)).abs().max_element() < 1e-5, "{mean}");
     }
 
     #[test]

@@ -103,6 +103,12 @@ pub fn variants(case: &Case, source: &Source) -> Vec<Method> {
     engines.map(|engine| of_engine(engine, case, source)).chain([path_tracer(source)]).collect()
 }
 
+/// Links, and the path tracer.
+pub fn beside_peers(case: &Case, source: &Source) -> Vec<Method> {
+    let engines = ENGINES.iter().filter(|e| e.id == "production");
+    engines.map(|engine| of_engine(engine, case, source)).chain([path_tracer(source)]).collect()
+}
+
 /// Links, and links with each of their parts switched off that has a flag.
 pub fn links_ablations(case: &Case, source: &Source) -> Vec<Method> {
     with_ablations("production", &LINKS_ABLATIONS, case, source)

@@ -78,7 +78,7 @@ pub struct Options {
     /// out.
     #[arg(long, value_enum, value_name = "PART", requires = "report")]
     part: Vec<Part>,
-    /// Add other renderers to the report, Mitsuba 3 and Radiance, where this Python interpreter has their wheels (mitsuba,
+    /// Measure the part `peers` too: Mitsuba 3 and Radiance beside ours, where this Python interpreter has their wheels (mitsuba,
     /// pyradiance); see benches/peers [default: python3].
     #[arg(long, value_name = "PYTHON", num_args = 0..=1, default_missing_value = "python3", requires = "report")]
     peers: Option<PathBuf>,
@@ -117,6 +117,9 @@ pub fn run(options: &Options) -> Result<()> {
     let scenes_folder = scenes::folder(options.scenes.as_deref());
     let cases: Vec<(&Case, Source)> =
         options.cases().into_iter().map(|case| (case, case.source(&scenes_folder))).collect();
+    if options.part.contains(&Part::Peers) && options.peers.is_none() {
+        bail!("--part peers; expected --peers beside it, with the interpreter that has their wheels");
+    }
     if options.report {
         return report::measure(&Plan {
             bench: &bench,

@@ -37,6 +37,7 @@ struct File {
     path: &'static str,
     before: &'static str,
     after: &'static str,
+    has_textures: bool,
 }
 
 /// What the published variants, V1 and V3, are run with beside preset and threshold.
@@ -72,7 +73,12 @@ pub const CASES: [Case; 3] = [
         quick_reference_paths: 8192,
         has_many_functions: false,
         is_closed: true,
-        file: Some(File { path: "stanford/dragon_871k.glb", before: "gen:room-with=", after: ":1.5" }),
+        file: Some(File {
+            path: "stanford/dragon_871k.glb",
+            before: "gen:room-with=",
+            after: ":1.5",
+            has_textures: false,
+        }),
         builtin: "gen:statue-room",
     },
     Case {
@@ -87,7 +93,7 @@ pub const CASES: [Case; 3] = [
         quick_reference_paths: 8192,
         has_many_functions: true,
         is_closed: false,
-        file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "" }),
+        file: Some(File { path: "sponza/sponza_lit.gltf", before: "", after: "", has_textures: true }),
         builtin: "gen:colonnade",
     },
 ];
@@ -103,16 +109,24 @@ pub struct Source {
     pub title: String,
     /// Whether a procedural scene takes the place of a file that is not there.
     pub is_stand_in: bool,
+    /// Whether it is a file with textures.
+    pub has_textures: bool,
 }
 
 impl Case {
     /// The scene itself where its file lies in `folder`, else its stand-in.
     pub fn source(&self, folder: &Path) -> Source {
-        let own = |argument| Source { argument, id: self.id.into(), title: self.title.into(), is_stand_in: false };
-        let Some(file) = &self.file else { return own(self.builtin.into()) };
+        let own = |argument, has_textures| Source {
+            argument,
+            id: self.id.into(),
+            title: self.title.into(),
+            is_stand_in: false,
+            has_textures,
+        };
+        let Some(file) = &self.file else { return own(self.builtin.into(), false) };
         let path = folder.join(file.path);
         if path.is_file() {
-            return own(format!("{}{}{}", file.before, path.display(), file.after));
+            return own(format!("{}{}{}", file.before, path.display(), file.after), file.has_textures);
         }
         let name = self.builtin.trim_start_matches("gen:");
         Source {
@@ -120,6 +134,23 @@ impl Case {
             id: name.into(),
             title: format!("{} (stand-in: {name})", self.title),
             is_stand_in: true,
+            has_textures: false,
+        }
+    }
+}
+
+impl Source {
+    /// The same scene as everybody can light it: without textures, of which only the mean colours are left.
+    pub fn flat(&self) -> Self {
+        if !self.has_textures {
+            return self.clone();
+        }
+        Self {
+            argument: format!("gen:flat={}", self.argument),
+            id: format!("{}-flat", self.id),
+            title: format!("{} in flat colours", self.title),
+            has_textures: false,
+            ..self.clone()
         }
     }
 }
@@ -160,6 +191,16 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
         assert_eq!(source.argument, format!("gen:room-with={}:1.5", path.display()));
         assert_eq!((source.id.as_str(), source.is_stand_in), ("dragon", false));
+    }
+
+    #[test]
+    fn what_has_textures_is_another_scene_in_flat_colours() {
+        let nowhere = Path::new("no/such/folder");
+        assert!(CASES.iter().map(|c| c.source(nowhere)).all(|source| source.flat() == source));
+        let textured = Source { argument: "hall.gltf".into(), has_textures: true, ..CASES[0].source(nowhere) };
+        let flat = textured.flat();
+        assert_eq!((flat.argument.as_str(), flat.id.as_str()), ("gen:flat=hall.gltf", "cornell-flat"));
+        assert!(flat.title.contains("flat colours") && flat.flat() == flat);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::cells::{csv, table};
 use super::curves::{Clock, curve};
 use super::machine::Machine;
 use super::measure::Bench;
-use super::methods::{Method, links_ablations, published_ablations, variants};
+use super::methods::{Method, beside_peers, links_ablations, published_ablations, variants};
 use super::scenes::{CASES, Case, Source};
 use super::truth::Truth;
 pub use peers::Peers;
@@ -27,7 +27,7 @@ const QUICK_BUDGETS: usize = 2;
 /// A part of the report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Part {
-    /// Error against time: every variant, the path tracer, and the peers that were asked for.
+    /// Error against time: every variant and the path tracer.
     Variants,
     /// Error against time: links with each of their parts switched off.
     Links,
@@ -43,9 +43,11 @@ pub enum Part {
     Albedo,
     /// Time by threads.
     Threads,
+    /// Error against time: links, the path tracer and the renderers of --peers, in flat colours.
+    Peers,
 }
 
-const PARTS: [Part; 8] = [
+const PARTS: [Part; 9] = [
     Part::Variants,
     Part::Links,
     Part::Published,
@@ -54,6 +56,7 @@ const PARTS: [Part; 8] = [
     Part::Receivers,
     Part::Albedo,
     Part::Threads,
+    Part::Peers,
 ];
 
 /// What to measure.
@@ -62,7 +65,7 @@ pub struct Plan<'p> {
     pub bench: &'p Bench<'p>,
     /// On which scenes, where a part has several.
     pub cases: &'p [(&'p Case, Source)],
-    /// Which parts; all where none is named.
+    /// Which parts beside that of the peers; all where none is named.
     pub parts: &'p [Part],
     /// Whether sections that are not measured now stay as the last report had them.
     pub keeps_others: bool,
@@ -95,7 +98,7 @@ pub fn measure(plan: &Plan<'_>) -> Result<()> {
     let folder = plan.bench.folder;
     let mut report = plan.start();
     let mut failures = Vec::new();
-    for part in PARTS.into_iter().filter(|part| plan.parts.is_empty() || plan.parts.contains(part)) {
+    for part in PARTS.into_iter().filter(|part| plan.measures(*part)) {
         for section in plan.jobs(part) {
             match section(plan) {
                 Ok(section) => report.put(section),
@@ -131,6 +134,13 @@ impl Plan<'_> {
         Report { sections, ..new }
     }
 
+    fn measures(&self, part: Part) -> bool {
+        match part {
+            Part::Peers => self.peers.is_some(),
+            _ => self.parts.is_empty() || self.parts.contains(&part),
+        }
+    }
+
     /// One function for each section of a part.
     fn jobs(&self, part: Part) -> Vec<Job<'_>> {
         let by_case = |of: fn(&Plan<'_>, &Case, &Source) -> Result<Section>| -> Vec<Job<'_>> {
@@ -146,6 +156,7 @@ impl Plan<'_> {
             Part::Receivers => by_case(scaling::receivers),
             Part::Albedo => vec![Box::new(scaling::albedo)],
             Part::Threads => by_case(scaling::threads),
+            Part::Peers => by_case(peers_section),
         }
     }
 
@@ -192,21 +203,14 @@ impl Plan<'_> {
 const ERROR_NOTE: &str = "Mean relative error of total irradiance at random reachable points, against a path tracer whose own error is in \
 these figures. Time is that of the whole process, from reading the scene to the written table, without the solver's own error estimate.";
 
-const PEER_NOTE: &str = " Mitsuba traces as many paths from every point as its setting says, with next-event estimation; Radiance is \
+const PEER_NOTE: &str = " All methods light the same points of the same triangles in flat colours: where the file has textures, the mean \
+colour of each takes its place, and cut-outs are filled. Mitsuba traces as many paths from every point as its setting says, with next-event estimation; Radiance is \
 `rtrace -I` with its ambient cache. Their times leave out the interpreter, its imports and the conversion of the scene.";
 
 fn variants_section(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Section> {
     let note = format!("{ERROR_NOTE} All methods light the same points; ours read their solution by a final gather.");
     let methods = variants(case, source);
-    let (mut section, truth) =
-        plan.error_time(Part::Variants, (case, source), ("error against time", &note), methods)?;
-    if let Some(peers) = &plan.peers {
-        let (curves, remarks) = peers.curves(plan.bench, source, &truth)?;
-        section.note.push_str(PEER_NOTE);
-        section.curves.extend(curves);
-        section.remarks.extend(remarks);
-    }
-    Ok(section)
+    Ok(plan.error_time(Part::Variants, (case, source), ("error against time", &note), methods)?.0)
 }
 
 fn links_section(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Section> {
@@ -220,6 +224,18 @@ fn published_section(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Se
     let title = "the published variants, changed";
     let methods = published_ablations(case, source);
     Ok(plan.error_time(Part::Published, (case, source), (title, &note), methods)?.0)
+}
+
+fn peers_section(plan: &Plan<'_>, case: &Case, source: &Source) -> Result<Section> {
+    let peers = plan.peers.as_ref().context("no peers")?;
+    let (flat, note) = (source.flat(), format!("{ERROR_NOTE}{PEER_NOTE}"));
+    let methods = beside_peers(case, &flat);
+    let (mut section, truth) =
+        plan.error_time(Part::Peers, (case, &flat), ("beside other renderers", &note), methods)?;
+    let (curves, remarks) = peers.curves(plan.bench, &flat, &truth)?;
+    section.curves.extend(curves);
+    section.remarks.extend(remarks);
+    Ok(section)
 }
 
 impl Report {

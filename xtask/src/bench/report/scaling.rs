@@ -39,7 +39,13 @@ pub fn triangles(plan: &Plan<'_>) -> Result<Section> {
         ("links", "links and solve"),
     ];
     let sizes = if plan.bench.effort.is_quick { &TRIANGLES[..2] } else { &TRIANGLES[..] };
-    let made = |name: String, id| Source { argument: format!("gen:{name}"), id, title: name, is_stand_in: false };
+    let made = |name: String, id| Source {
+        argument: format!("gen:{name}"),
+        id,
+        title: name,
+        is_stand_in: false,
+        has_textures: false,
+    };
     let statues = sizes.iter().map(|n| made(format!("statue-room:{n}"), format!("statue-room-{n}")));
     let sources: Vec<Source> = std::iter::once(made("cornell".into(), "cornell".into())).chain(statues).collect();
     let mut section = plan.section(Part::Triangles, None, "Time by triangles", NOTE);
