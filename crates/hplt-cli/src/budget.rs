@@ -43,6 +43,9 @@ const RUNGS: [Rung; 7] = [
 const GROWTH: f64 = 3.5;
 /// By so much every attempt is better than the one before.
 const PROGRESS: f64 = 1.5;
+/// Two attempts that leave more than this of the error show that it is not the number of rays or functions that it comes from: none
+/// follows them.
+const STALLED: f64 = 0.8;
 /// A field this many times worse than what is asked for is good enough for a gather to read.
 const SECOND_ORDER: f64 = 8.0;
 /// Rays of a gather.
@@ -170,6 +173,7 @@ impl Run<'_> {
     /// Those of the links.
     pub fn link_within<'s>(&mut self, mut parts: LinkParts<'s>) -> Result<Lit<'s>, Failure> {
         let (n_warnings, n_left_out) = (self.report.warnings.len(), self.report.left_out.len());
+        let mut errors = Vec::new();
         for (k, rung) in RUNGS.iter().enumerate() {
             let begin = self.reporter.now();
             let coarsest = parts.coarsest.clone();
@@ -180,8 +184,9 @@ impl Run<'_> {
             let Some((error, gathers)) = self.report.error.zip(self.gathers).filter(|_| !lit.is_cut_short) else {
                 return Ok(lit);
             };
-            let attempt =
-                Attempt { error: error.mean, gathers, seconds: now - begin, now, is_last: k + 1 == RUNGS.len() };
+            errors.push(error.mean);
+            let is_last = k + 1 == RUNGS.len() || is_stalled(&errors);
+            let attempt = Attempt { error: error.mean, gathers, seconds: now - begin, now, is_last };
             if let Some(reading) = attempt.choose(&self.budget, self.n_receivers) {
                 self.enter_reading(attempt.expected(reading), reading);
                 return Ok(lit);
@@ -209,6 +214,11 @@ impl Run<'_> {
             self.report.stop = "error-not-reached";
         }
     }
+}
+
+/// Whether the last two attempts were of next to no use.
+fn is_stalled(errors: &[f64]) -> bool {
+    matches!(errors, [.., before, _, now] if *now > STALLED * before)
 }
 
 impl Rung {
@@ -266,6 +276,12 @@ mod tests {
         assert_eq!(ATTEMPT.choose(&budget(None, Some(1.01)), 1000), Some(Reading::Interpolated));
         let last = Attempt { is_last: true, ..ATTEMPT };
         assert!(last.choose(&budget(Some(1e-4), None), 1_000_000_000).is_some());
+    }
+
+    #[test]
+    fn attempts_end_when_two_of_them_bring_nothing() {
+        assert!(!is_stalled(&[0.02, 0.019]) && !is_stalled(&[0.02, 0.025, 0.015]));
+        assert!(is_stalled(&[0.02, 0.019, 0.018]) && is_stalled(&[0.5, 0.02, 0.019, 0.018]));
     }
 
     #[test]
