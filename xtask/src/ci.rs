@@ -27,11 +27,10 @@ pub fn test() -> Result<()> {
     Ok(())
 }
 
-/// Runs the tests that are marked as slow, one at a time: some take gigabytes.
+/// Runs the tests that are marked as slow, in the build of the others, one at a time: some take gigabytes.
 pub fn slow_tests() -> Result<()> {
     run(&mut cargo(&[
         "test",
-        "--release",
         "--no-fail-fast",
         "--workspace",
         "--lib",
