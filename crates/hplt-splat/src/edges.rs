@@ -1,13 +1,12 @@
 use hplt_geom::{Rgb, parallel};
 
+use crate::facet::SAME_NORMAL;
 use crate::{Arriving, GBuffer};
 
 /// Share of the larger of two albedos or emissions by which neighbours differ that one sample a pixel shows as steps.
 const COLOUR_STEP: f32 = 0.1;
 /// The same of irradiances. Light that changes by less from pixel to pixel changes gradually, and the middle of a pixel tells its mean.
 const LIGHT_STEP: f32 = 0.25;
-/// Least cosine between the normals of neighbours on one piece of surface, which may be round.
-const SAME_NORMAL: f32 = 0.9;
 
 /// The pixels of a picture that one sample is not enough for, by what the samples of their neighbours see.
 #[derive(Debug, Clone, PartialEq, Eq)]

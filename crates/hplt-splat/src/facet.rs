@@ -3,6 +3,9 @@ use glam::Vec3;
 /// Share of the distance between two points of one smooth piece of surface that their mean plane may be off it.
 const SAME_PLANE: f32 = 0.1;
 
+/// Least cosine between the normals of neighbours on one piece of surface, which may be round.
+pub(crate) const SAME_NORMAL: f32 = 0.9;
+
 /// A point of a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Facet {

@@ -2,9 +2,8 @@ use glam::Vec3;
 use hplt_geom::parallel;
 
 use crate::GBuffer;
+use crate::facet::SAME_NORMAL;
 
-/// Least cosine between the normals of samples of one patch.
-const SAME_NORMAL: f32 = 0.9;
 /// Pixels per unit of parallel work.
 const CHUNK: usize = 256;
 
