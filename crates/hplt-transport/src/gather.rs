@@ -43,13 +43,18 @@ pub(crate) struct Gathered {
     pub escaped: u32,
 }
 
-/// The rays of one receiver. Buffers of one worker.
+/// The rays of one receiver, neighbours in direction next to each other, so that whatever is looked up where they land is near what
+/// was looked up before. Buffers of one worker.
 #[derive(Default)]
 pub(crate) struct Scratch {
+    /// The number of each ray in its sequence, counted from the first of this gather.
+    pub numbers: Vec<u32>,
     pub rays: Vec<Ray>,
     pub hits: Vec<Hit>,
-    /// Two more coordinates of each ray's sample, for what is to be chosen where it lands.
+    /// By number: two more coordinates of each ray's sample, for what is to be chosen where it lands.
     pub second: Vec<Vec2>,
+    first: Vec<Vec2>,
+    order: CellOrder,
 }
 
 impl Scratch {
@@ -57,18 +62,64 @@ impl Scratch {
     /// receiver.
     pub fn trace(&mut self, caster: &dyn RayCaster, receiver: &OrientedPoint, scramble: u32, numbers: Range<u32>) {
         let origin = offset_origin(receiver.position, receiver.normal);
-        self.rays.clear();
+        self.first.clear();
         self.second.clear();
-        let to_world = warp::orthonormal_basis(receiver.normal);
         for k in numbers {
             let [a, b, c, d] = sobol::sobol_4d(k, scramble);
-            self.rays.push(Ray::new(origin, warp::cosine_hemisphere_in(Vec2::new(a, b), &to_world)));
+            self.first.push(Vec2::new(a, b));
             self.second.push(Vec2::new(c, d));
         }
+        self.order.sort(&self.first, &mut self.numbers);
+        let to_world = warp::orthonormal_basis(receiver.normal);
+        self.rays.clear();
+        self.rays.extend(self.numbers.iter().map(|&k| {
+            let direction = warp::cosine_hemisphere_in(self.first[k as usize], &to_world);
+            Ray::new(origin, direction)
+        }));
         self.hits.clear();
         self.hits.resize(self.rays.len(), Hit::MISS);
         caster.trace_nearest(&self.rays, &mut self.hits);
     }
+}
+
+/// Sorts points of the unit square by the cells of a grid along a Morton curve, about one point to a cell.
+#[derive(Default)]
+struct CellOrder {
+    cells: Vec<u16>,
+    ends: Vec<u32>,
+}
+
+impl CellOrder {
+    /// Replaces `order` by the indices of `points`.
+    fn sort(&mut self, points: &[Vec2], order: &mut Vec<u32>) {
+        let Self { cells, ends } = self;
+        let bits = (points.len().max(1).ilog2() / 2).min(8);
+        let side = (1u32 << bits) as f32;
+        cells.clear();
+        cells.extend(points.iter().map(|p| interleaved((p.x * side) as u8) | interleaved((p.y * side) as u8) << 1));
+        ends.clear();
+        ends.resize(1 << (2 * bits), 0);
+        cells.iter().for_each(|&cell| ends[usize::from(cell)] += 1);
+        let mut end = 0;
+        for count in &mut *ends {
+            end += std::mem::replace(count, end);
+        }
+        order.clear();
+        order.resize(points.len(), 0);
+        for (i, &cell) in cells.iter().enumerate() {
+            let at = &mut ends[usize::from(cell)];
+            order[*at as usize] = i as u32;
+            *at += 1;
+        }
+    }
+}
+
+/// Moves bit `i` to bit `2i`.
+fn interleaved(x: u8) -> u16 {
+    let mut x = u16::from(x);
+    x = (x | x << 4) & 0x0F0F;
+    x = (x | x << 2) & 0x3333;
+    (x | x << 1) & 0x5555
 }
 
 /// Gathers of several receivers, `(1/N) Σ ρ(y_k) F_s(y_k)` over the rays of each, which read the senders together: rays of
@@ -96,7 +147,7 @@ impl Batch {
         self.scratch.trace(model.caster, receiver, scramble, 0..n_rays);
         let mut gathered = Gathered::default();
         let mut row_sum = DVec3::ZERO;
-        for (ray, hit) in self.scratch.hits.iter().enumerate() {
+        for (&ray, hit) in self.scratch.numbers.iter().zip(&self.scratch.hits) {
             if hit.is_miss() {
                 gathered.escaped += 1;
                 continue;
@@ -107,7 +158,7 @@ impl Batch {
                 continue;
             }
             row_sum += albedo.as_dvec3();
-            self.landings.push(Landing { receiver: self.gathers.len() as u32, ray: ray as u32, albedo });
+            self.landings.push(Landing { receiver: self.gathers.len() as u32, ray, albedo });
             self.queries.push(arrival(&surface, receiver.region));
         }
         gathered.row_sum = (row_sum / f64::from(n_rays)).as_vec3();

@@ -91,7 +91,7 @@ impl PathTracer<'_> {
         buffers.hits.clone_from(&buffers.first.hits);
         buffers.rays.clone_from(&buffers.first.rays);
         buffers.going_on.clear();
-        buffers.going_on.extend((0..self.rays.len() as u32).map(|k| (k, Rgb::ONE)));
+        buffers.going_on.extend(buffers.first.numbers.iter().map(|&k| (k, Rgb::ONE)));
         for segment in 1..=MAX_SEGMENTS {
             self.arrive(receiver, segment, buffers);
             if buffers.at.is_empty() {
