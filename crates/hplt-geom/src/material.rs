@@ -1,5 +1,6 @@
 use glam::Vec2;
 
+use crate::texture::Tap;
 use crate::{Rgb, Texture, UvTransform, Wrap};
 
 /// Index of a material in its scene.
@@ -36,6 +37,12 @@ pub struct TextureSlot {
 }
 
 impl TextureSlot {
+    /// The texels around `uv`.
+    #[inline]
+    pub(crate) fn tap(&self, uv: Vec2) -> Tap {
+        self.texture.tap(self.transform.apply(uv), self.wrap)
+    }
+
     fn rgb(&self, uv: Vec2) -> Rgb {
         self.texture.sample(self.transform.apply(uv), self.wrap).truncate()
     }
@@ -133,10 +140,14 @@ impl Material {
     /// The albedo of one side at `uv`.
     #[inline]
     pub fn albedo_at(&self, is_front: bool, uv: Vec2) -> Rgb {
-        if !self.reflects.includes(is_front) {
-            return Rgb::ZERO;
-        }
-        self.albedo_texture.as_ref().map_or(self.albedo, |slot| self.albedo * slot.rgb(uv))
+        let plain = self.plain_albedo(is_front);
+        self.albedo_texture.as_ref().filter(|_| plain != Rgb::ZERO).map_or(plain, |slot| plain * slot.rgb(uv))
+    }
+
+    /// The albedo of one side before its texture.
+    #[inline]
+    pub(crate) fn plain_albedo(&self, is_front: bool) -> Rgb {
+        if self.reflects.includes(is_front) { self.albedo } else { Rgb::ZERO }
     }
 
     /// The emitted exitance of one side at `uv`.

@@ -121,6 +121,24 @@ impl Scene {
         self.material(point.triangle).albedo_at(point.is_front, point.uv)
     }
 
+    /// Replaces `out` by the [albedo](Self::albedo) of every point: faster than one by one, since textures are far away in memory.
+    pub fn albedos(&self, points: &[SurfacePoint], out: &mut Vec<Rgb>) {
+        /// Points whose texels are fetched together.
+        const TOGETHER: usize = 64;
+        out.clear();
+        for points in points.chunks(TOGETHER) {
+            let mut taps = [None; TOGETHER];
+            for (tap, point) in taps.iter_mut().zip(points) {
+                let slot = self.material(point.triangle).albedo_texture.as_ref();
+                *tap = slot.map(|slot| slot.tap(point.uv));
+            }
+            out.extend(points.iter().zip(&taps).map(|(point, tap)| {
+                let plain = self.material(point.triangle).plain_albedo(point.is_front);
+                tap.map_or(plain, |tap| plain * tap.mix().truncate())
+            }));
+        }
+    }
+
     /// The exitance of the side that a surface point is on.
     #[inline]
     pub fn exitance(&self, point: &SurfacePoint) -> Rgb {

@@ -74,21 +74,44 @@ impl Texture {
 
     /// The bilinear interpolation at `uv` (origin at the top left): linear RGB, each texel sRGB-decoded before it is
     /// mixed, and alpha as stored over 255.
+    #[inline]
     pub fn sample(&self, uv: Vec2, wrap: [Wrap; 2]) -> Vec4 {
+        self.tap(uv, wrap).mix()
+    }
+
+    /// The texels that [`sample`](Self::sample) mixes.
+    #[inline]
+    pub(crate) fn tap(&self, uv: Vec2, wrap: [Wrap; 2]) -> Tap {
         let x = uv.x * self.width as f32 - 0.5;
         let y = uv.y * self.height as f32 - 0.5;
         let (x0, y0) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x0, y - y0);
         let columns = [wrap_index(x0, self.width, wrap[0]), wrap_index(x0 + 1.0, self.width, wrap[0])];
         let rows = [wrap_index(y0, self.height, wrap[1]), wrap_index(y0 + 1.0, self.height, wrap[1])];
+        let texels = rows.map(|row| columns.map(|column| self.texels[row * self.width as usize + column]));
+        Tap { texels, at: Vec2::new(x - x0, y - y0) }
+    }
+}
+
+/// Four neighbouring texels, and a place between them. Fetching them waits for memory, mixing them does not: where there are many, fetch
+/// them first.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tap {
+    /// By row and column.
+    texels: [[[u8; 4]; 2]; 2],
+    at: Vec2,
+}
+
+impl Tap {
+    /// Linear RGB and alpha.
+    #[inline]
+    pub fn mix(&self) -> Vec4 {
         let table = srgb_table();
-        let texel = |i: usize, j: usize| {
-            let [r, g, b, a] = self.texels[rows[j] * self.width as usize + columns[i]];
+        let linear = |[r, g, b, a]: [u8; 4]| {
             Vec4::new(table[r as usize], table[g as usize], table[b as usize], f32::from(a) / 255.0)
         };
-        let top = texel(0, 0) * (1.0 - fx) + texel(1, 0) * fx;
-        let bottom = texel(0, 1) * (1.0 - fx) + texel(1, 1) * fx;
-        top * (1.0 - fy) + bottom * fy
+        let [top, bottom] =
+            self.texels.map(|[left, right]| linear(left) * (1.0 - self.at.x) + linear(right) * self.at.x);
+        top * (1.0 - self.at.y) + bottom * self.at.y
     }
 }
 

@@ -38,4 +38,4 @@ pub use options::{HierarchyOptions, Radius};
 pub use refine::refined_level;
 pub use regions::Regions;
 pub use report::{HierarchyReport, Warning};
-pub use visibility::{SIGHT_LIFT, free_height, is_in_sight};
+pub use visibility::{FreeHeights, SIGHT_LIFT, free_height, is_in_sight, sight_line};

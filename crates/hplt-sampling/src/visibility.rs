@@ -1,7 +1,7 @@
 //! Short visible paths between neighbouring points of a surface.
 
 use glam::Vec3;
-use hplt_geom::{Extent, OrientedPoint, Ray, RayCaster, Scene, offset_origin};
+use hplt_geom::{Extent, Hit, OrientedPoint, Ray, RayCaster, Scene, offset_origin};
 
 /// Twice the least distance, scene units, by which `offset_origin` lifts a point, and more: paths stay above that.
 const CLEARANCE: f32 = 3.0 / 65_536.0;
@@ -80,24 +80,61 @@ impl SightLine<'_> {
 /// The height of the free air above a point, along its unit normal, scene units: for
 /// [`Extent::of_query`](hplt_geom::Extent::of_query). One ray.
 pub fn free_height(caster: &dyn RayCaster, position: Vec3, normal: Vec3) -> f32 {
-    caster.nearest(Ray::new(offset_origin(position, normal), normal)).t.max(2.0 * CLEARANCE)
+    height_of(&caster.nearest(upwards(position, normal)))
+}
+
+/// [`free_height`] of many points. Buffers of one worker.
+#[derive(Debug, Default)]
+pub struct FreeHeights {
+    rays: Vec<Ray>,
+    hits: Vec<Hit>,
+}
+
+impl FreeHeights {
+    /// Those above these positions along their normals, in order.
+    pub fn of(
+        &mut self,
+        caster: &dyn RayCaster,
+        places: impl Iterator<Item = (Vec3, Vec3)>,
+    ) -> impl Iterator<Item = f32> + '_ {
+        self.rays.clear();
+        self.rays.extend(places.map(|(position, normal)| upwards(position, normal)));
+        self.hits.clear();
+        self.hits.resize(self.rays.len(), Hit::MISS);
+        caster.trace_nearest(&self.rays, &mut self.hits);
+        self.hits.iter().map(height_of)
+    }
+}
+
+fn upwards(position: Vec3, normal: Vec3) -> Ray {
+    Ray::new(offset_origin(position, normal), normal)
+}
+
+fn height_of(hit: &Hit) -> f32 {
+    hit.t.max(2.0 * CLEARANCE)
 }
 
 /// Whether the function at `point`, of support `support`, has a say at `query`, whose free height is known as far as it matters:
-/// whether a line from just above the one to just above the other is clear. Where the surface between them is flat and the extent
-/// of the function shows nothing so near, no ray is cast.
+/// whether the [`sight_line`] between them is clear.
 pub fn is_in_sight(caster: &dyn RayCaster, point: &OrientedPoint, query: &OrientedPoint, support: f32) -> bool {
+    sight_line(point, query, support).is_none_or(|line| !caster.is_occluded(line))
+}
+
+/// The line from just above `query`, whose free height is known as far as it matters, to just above a function at `point` of support
+/// `support`. `None` where the surface between them is flat and the extent of the function shows nothing so near: no ray need be cast
+/// to know that it is clear.
+pub fn sight_line(point: &OrientedPoint, query: &OrientedPoint, support: f32) -> Option<Ray> {
     let offset = query.position - point.position;
     let step = offset.dot((point.normal + query.normal).normalize_or_zero()).abs();
     let nearest = point.extent.inverse_depths.iter().fold(0.0, |largest: f32, d| largest.max(*d));
     if step <= FLAT * support && offset.length_squared() * nearest * nearest <= 1.0 {
-        return true;
+        return None;
     }
     let lifted = |p: &OrientedPoint| {
         let lift = (SIGHT_LIFT * support).min(0.25 * p.extent.free_height());
         offset_origin(p.position, p.normal) + lift * p.normal
     };
-    !caster.is_occluded(Ray::segment(lifted(query), lifted(point)))
+    Some(Ray::segment(lifted(query), lifted(point)))
 }
 
 /// Whether light can go from just above `a` to just above `b` by way of a point above their middle, `slope` times their

@@ -127,6 +127,8 @@ fn interleaved(x: u8) -> u16 {
 #[derive(Default)]
 pub(crate) struct Batch {
     scratch: Scratch,
+    surfaces: Vec<SurfacePoint>,
+    albedos: Vec<Rgb>,
     gathers: Vec<Gathered>,
     landings: Vec<Landing>,
     queries: Vec<OrientedPoint>,
@@ -147,19 +149,18 @@ impl Batch {
         self.scratch.trace(model.caster, receiver, scramble, 0..n_rays);
         let mut gathered = Gathered::default();
         let mut row_sum = DVec3::ZERO;
-        for (&ray, hit) in self.scratch.numbers.iter().zip(&self.scratch.hits) {
-            if hit.is_miss() {
-                gathered.escaped += 1;
-                continue;
-            }
-            let surface = model.scene.surface_at(hit);
-            let albedo = model.scene.albedo(&surface);
+        let landed = || self.scratch.numbers.iter().zip(&self.scratch.hits).filter(|(_, hit)| !hit.is_miss());
+        self.surfaces.clear();
+        self.surfaces.extend(landed().map(|(_, hit)| model.scene.surface_at(hit)));
+        gathered.escaped = n_rays - self.surfaces.len() as u32;
+        model.scene.albedos(&self.surfaces, &mut self.albedos);
+        for (((&ray, _), surface), &albedo) in landed().zip(&self.surfaces).zip(&self.albedos) {
             if albedo == Rgb::ZERO {
                 continue;
             }
             row_sum += albedo.as_dvec3();
             self.landings.push(Landing { receiver: self.gathers.len() as u32, ray, albedo });
-            self.queries.push(arrival(&surface, receiver.region));
+            self.queries.push(arrival(surface, receiver.region));
         }
         gathered.row_sum = (row_sum / f64::from(n_rays)).as_vec3();
         self.gathers.push(gathered);

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::Vec2;
 use hplt_geom::{Extent, Hit, LightGroupId, OrientedPoint, Ray, RayCaster, Rgb, Scene, SurfacePoint, offset_origin};
 use hplt_sampling::random::{Stage, Stream, unit_f32};
-use hplt_sampling::{SIGHT_LIFT, free_height, warp};
+use hplt_sampling::{FreeHeights, SIGHT_LIFT, warp};
 
 use crate::DirectLight;
 use crate::gather::{Scratch, arrival, scramble};
@@ -74,7 +74,12 @@ pub(crate) struct PathBuffers {
     pub first: Scratch,
     events: NextEvents,
     direct: Vec<Rgb>,
+    surfaces: Vec<SurfacePoint>,
+    albedos: Vec<Rgb>,
     at: Vec<Arrival>,
+    /// Arrivals above which the air is to be measured.
+    low: Vec<u32>,
+    heights: FreeHeights,
     points: Vec<OrientedPoint>,
     samples: Vec<Vec2>,
     /// Paths under way: ray of the receiver and throughput.
@@ -105,31 +110,30 @@ impl PathTracer<'_> {
 
     /// Takes paths to what their rays hit.
     fn arrive(&self, receiver: &OrientedPoint, segment: u32, buffers: &mut PathBuffers) {
-        let PathBuffers { at, going_on, rays, hits, .. } = buffers;
+        let PathBuffers { surfaces, albedos, at, low, heights, going_on, rays, hits, .. } = buffers;
+        let landed = || going_on.iter().zip(rays.iter()).zip(hits.iter()).filter(|(_, hit)| !hit.is_miss());
+        surfaces.clear();
+        surfaces.extend(landed().map(|(_, hit)| self.scene.surface_at(hit)));
+        self.scene.albedos(surfaces, albedos);
         at.clear();
-        for ((&(ray, before), cast), hit) in going_on.iter().zip(rays.iter()).zip(hits.iter()) {
-            if hit.is_miss() {
-                continue;
-            }
-            let surface = self.scene.surface_at(hit);
-            let throughput = before * self.scene.albedo(&surface);
+        low.clear();
+        for ((((ray, before), cast), hit), (surface, albedo)) in landed().zip(surfaces.iter().zip(albedos.iter())) {
+            let throughput = *before * *albedo;
             if throughput != Rgb::ZERO {
-                let point = OrientedPoint {
-                    extent: self.extent_at(&surface, cast, hit.t),
-                    ..arrival(&surface, receiver.region)
-                };
-                at.push(Arrival { point, ray, throughput, distance: hit.t, is_last: segment == MAX_SEGMENTS });
+                // Where the path came from high above, the free air is known to be enough.
+                let height = -hit.t * cast.direction.dot(surface.normal);
+                if height < SIGHT_LIFT * self.largest_support {
+                    low.push(at.len() as u32);
+                }
+                let point = arrival(surface, receiver.region);
+                at.push(Arrival { point, ray: *ray, throughput, distance: hit.t, is_last: segment == MAX_SEGMENTS });
             }
         }
-    }
-
-    /// The free air above an arrival: known to be enough where the path came from high above.
-    fn extent_at(&self, surface: &SurfacePoint, ray: &Ray, distance: f32) -> Extent {
-        let height = -distance * ray.direction.dot(surface.normal);
-        if height >= SIGHT_LIFT * self.largest_support {
-            return Extent::OPEN;
+        let places = low.iter().map(|&i| (at[i as usize].point.position, at[i as usize].point.normal));
+        let heights: Vec<f32> = heights.of(self.caster, places).collect();
+        for (&i, height) in low.iter().zip(heights) {
+            at[i as usize].point.extent = Extent::of_query(height);
         }
-        Extent::of_query(free_height(self.caster, surface.position, surface.normal))
     }
 
     fn add_direct(&self, id: u32, segment: u32, buffers: &mut PathBuffers, sink: &mut impl PathSink) {

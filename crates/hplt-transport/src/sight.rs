@@ -8,7 +8,7 @@ use hplt_basis::{
 };
 use hplt_geom::radiometry::luminance;
 use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb, parallel};
-use hplt_sampling::is_in_sight;
+use hplt_sampling::{is_in_sight, sight_line};
 
 use crate::{Gradients, Model};
 
@@ -223,12 +223,17 @@ pub(crate) fn nearest_in_sight(
     n_levels: usize,
     queries: &[OrientedPoint],
 ) -> Vec<Option<(usize, u32)>> {
-    let sees = |query, (level, i): (usize, u32)| {
-        is_in_sight(caster, &basis.points(level)[i as usize], query, basis.support(level))
-    };
     let mut found = basis.layered_nearest(n_levels, queries);
-    for (query, found) in queries.iter().zip(&mut found) {
-        *found = found.filter(|&function| sees(query, function));
+    let (mut lines, mut of) = (Vec::new(), Vec::new());
+    for (q, (query, function)) in queries.iter().zip(&found).enumerate() {
+        let Some((level, i)) = *function else { continue };
+        if let Some(line) = sight_line(&basis.points(level)[i as usize], query, basis.support(level)) {
+            lines.push(line);
+            of.push(q);
+        }
     }
+    let mut is_hidden = vec![false; lines.len()];
+    caster.trace_occluded(&lines, &mut is_hidden);
+    of.iter().zip(is_hidden).filter(|(_, is_hidden)| *is_hidden).for_each(|(&q, _)| found[q] = None);
     found
 }
