@@ -7,6 +7,7 @@ use hplt_transport::{LinkOptions, Threshold};
 use crate::args::Common;
 use crate::exit::Failure;
 use crate::job::{GatherRecord, LinkParts, Lit, Run};
+use crate::report::ErrorRow;
 use crate::sections::{SolveSection, Variant};
 use crate::values::{Fraction, Seconds};
 
@@ -22,27 +23,28 @@ pub struct Budget {
     pub time: Option<Seconds>,
 }
 
-/// Options of one attempt.
-struct Rung {
-    n_levels: usize,
+/// What one attempt spends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Effort {
+    /// Index into [`FUNCTIONS`].
+    functions: usize,
     n_rays: u32,
-    relative: f32,
 }
 
-/// Attempts in turn: each costs about three times the one before, so that all that came before the last cost half of it.
-const RUNGS: [Rung; 7] = [
-    Rung { n_levels: 2, n_rays: 64, relative: 0.3 },
-    Rung { n_levels: 3, n_rays: 64, relative: 0.2 },
-    Rung { n_levels: 3, n_rays: 128, relative: 0.1 },
-    Rung { n_levels: 4, n_rays: 256, relative: 0.06 },
-    Rung { n_levels: 5, n_rays: 512, relative: 0.04 },
-    Rung { n_levels: 6, n_rays: 1024, relative: 0.025 },
-    Rung { n_levels: 7, n_rays: 2048, relative: 0.015 },
-];
-/// The next attempt takes about so many times as long.
-const GROWTH: f64 = 3.5;
-/// By so much every attempt is better than the one before.
-const PROGRESS: f64 = 1.5;
+/// The first attempt. Every other one has more rays where the estimate blames their noise, more functions where it blames those.
+const FIRST: Effort = Effort { functions: 0, n_rays: 64 };
+/// Levels at most, and the fraction of the light at which functions are refined.
+const FUNCTIONS: [(usize, f32); 7] = [(2, 0.3), (3, 0.15), (3, 0.075), (4, 0.05), (5, 0.03), (6, 0.02), (7, 0.015)];
+/// Rays of a function at most.
+const MOST_RAYS: u32 = 4096;
+/// The noise that is stated of rays is more than the true one. About so much of it is true.
+const TRUE_NOISE: f64 = 0.7;
+/// Share of the error aimed at that either cause may have.
+const SHARE: f64 = 0.8;
+/// What one attempt leaves of the error of the one before, at least: one that aims further costs too much for what is known.
+const LEAST_LEFT: f64 = 0.25;
+/// More functions take about so many times as long.
+const COST_OF_FUNCTIONS: f64 = 1.7;
 /// Two attempts that leave more than this of the error show that it is not the number of rays or functions that it comes from: none
 /// follows them.
 const STALLED: f64 = 0.8;
@@ -103,18 +105,46 @@ impl Budget {
     }
 }
 
+impl Effort {
+    fn options(self, base: LinkOptions) -> LinkOptions {
+        let (n_levels, relative) = FUNCTIONS[self.functions];
+        let threshold = Threshold { relative, ..base.threshold };
+        LinkOptions { n_levels, n_rays: self.n_rays, threshold, ..base }
+    }
+
+    /// The least effort that may bring the error from what it was with this one to `aim`, and how many times as long that takes; `None`
+    /// where there is none greater.
+    fn next(self, found: &ErrorRow, aim: f64) -> Option<(Self, f64)> {
+        let allowed = SHARE * aim.max(LEAST_LEFT * found.mean);
+        let of_rays = TRUE_NOISE * found.from_rays;
+        let of_functions = (found.mean * found.mean - of_rays * of_rays).max(0.0).sqrt();
+        let steps = match of_functions / allowed {
+            ..=1.0 => 0,
+            ..=2.0 => 1,
+            _ => 2,
+        };
+        let doublings = (2.0 * (of_rays / allowed).log2()).ceil().clamp(0.0, 3.0) as u32;
+        let doublings = if steps == 0 { doublings.max(1) } else { doublings };
+        let functions = (self.functions + steps).min(FUNCTIONS.len() - 1);
+        let next = Self { functions, n_rays: (self.n_rays << doublings).min(MOST_RAYS) };
+        let of_functions = COST_OF_FUNCTIONS.powi((functions - self.functions) as i32);
+        (next != self).then(|| (next, of_functions * f64::from(next.n_rays / self.n_rays)))
+    }
+}
+
 /// What is known after an attempt.
 #[derive(Clone, Copy)]
 struct Attempt {
     /// Mean relative error of the field.
     error: f64,
+    /// What the next attempt may bring it to.
+    aim: f64,
     /// How points are gathered.
     gathers: GatherRecord,
-    /// What it took.
-    seconds: f64,
     /// Seconds since the start of the run.
     now: f64,
-    is_last: bool,
+    /// What the next one takes; `None` when there is none.
+    next: Option<f64>,
 }
 
 impl Attempt {
@@ -136,7 +166,6 @@ impl Attempt {
 
     /// How to read `n_receivers` points if this is to be the last attempt; `None` when the next one is to be made.
     fn choose(&self, budget: &Budget, n_receivers: usize) -> Option<Reading> {
-        let next = GROWTH * self.seconds;
         let left = budget.time.map_or(f64::INFINITY, |t| t.0 - self.now);
         // Powers of two and their middles.
         let gathers = || {
@@ -151,13 +180,14 @@ impl Attempt {
             let seconds = |n: u32| self.gather_seconds(n_receivers, n);
             // After the next attempt points are interpolated, or at least gathered with fewer rays.
             let fewest = gathers().find(|&n| self.noise_of(n) <= error);
-            let gather_later = if self.error <= PROGRESS * error { 0.0 } else { fewest.map_or(f64::INFINITY, seconds) };
-            let is_worth_it = |&n: &u32| seconds(n) <= left && (seconds(n) <= next + gather_later || self.is_last);
+            let gather_later = if self.aim <= error { 0.0 } else { fewest.map_or(f64::INFINITY, seconds) };
+            let is_worth_it =
+                |&n: &u32| seconds(n) <= left && self.next.is_none_or(|next| seconds(n) <= next + gather_later);
             if let Some(n) = enough.filter(is_worth_it) {
                 return Some(Reading::Gathered(n));
             }
         }
-        if !self.is_last && next <= left {
+        if self.next.is_some_and(|next| next <= left) {
             return None;
         }
         let affordable = gathers().rfind(|&n| self.gather_seconds(n_receivers, n) <= left);
@@ -173,28 +203,35 @@ impl Run<'_> {
     /// Those of the links.
     pub fn link_within<'s>(&mut self, mut parts: LinkParts<'s>) -> Result<Lit<'s>, Failure> {
         let (n_warnings, n_left_out) = (self.report.warnings.len(), self.report.left_out.len());
-        let mut errors = Vec::new();
-        for (k, rung) in RUNGS.iter().enumerate() {
+        let (mut effort, mut errors) = (FIRST, Vec::new());
+        loop {
             let begin = self.reporter.now();
             let coarsest = parts.coarsest.clone();
             self.report.warnings.truncate(n_warnings);
             self.report.left_out.truncate(n_left_out);
-            let lit = self.link(parts, rung.options(self.settings.links()))?;
+            let lit = self.link(parts, effort.options(self.settings.links()))?;
             let now = self.reporter.now();
             let Some((error, gathers)) = self.report.error.zip(self.gathers).filter(|_| !lit.is_cut_short) else {
                 return Ok(lit);
             };
             errors.push(error.mean);
-            let is_last = k + 1 == RUNGS.len() || is_stalled(&errors);
-            let attempt = Attempt { error: error.mean, gathers, seconds: now - begin, now, is_last };
-            if let Some(reading) = attempt.choose(&self.budget, self.n_receivers) {
-                self.enter_reading(attempt.expected(reading), reading);
-                return Ok(lit);
+            // For a time alone, half the error is as good an aim as any.
+            let aim = self.budget.error.map_or(0.5 * error.mean, |e| e.0.max(LEAST_LEFT * error.mean));
+            let next = effort.next(&error, aim).filter(|_| !is_stalled(&errors));
+            let seconds = now - begin;
+            let next_seconds = next.map(|(_, times)| times * seconds);
+            let attempt = Attempt { error: error.mean, aim, gathers, now, next: next_seconds };
+            match (attempt.choose(&self.budget, self.n_receivers), next) {
+                (None, Some((greater, _))) => effort = greater,
+                (reading, _) => {
+                    let reading = reading.unwrap_or(Reading::Interpolated);
+                    self.enter_reading(attempt.expected(reading), reading);
+                    return Ok(lit);
+                }
             }
             let Lit { scene, bvh, regions, lights, .. } = lit;
             parts = LinkParts { scene, bvh, regions, lights, coarsest };
         }
-        unreachable!("the last attempt is chosen whatever it found")
     }
 
     fn enter_reading(&mut self, expected: f64, reading: Reading) {
@@ -221,27 +258,16 @@ fn is_stalled(errors: &[f64]) -> bool {
     matches!(errors, [.., before, _, now] if *now > STALLED * before)
 }
 
-impl Rung {
-    fn options(&self, base: LinkOptions) -> LinkOptions {
-        LinkOptions {
-            n_levels: self.n_levels,
-            n_rays: self.n_rays,
-            threshold: Threshold { relative: self.relative, ..base.threshold },
-            ..base
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const ATTEMPT: Attempt = Attempt {
         error: 0.04,
+        aim: 0.02,
         gathers: GatherRecord { rays_per_second: 1e6, noise_of_one_ray: 0.256 },
-        seconds: 1.0,
         now: 1.0,
-        is_last: false,
+        next: Some(3.5),
     };
 
     fn budget(error: Option<f64>, time: Option<f64>) -> Budget {
@@ -274,7 +300,7 @@ mod tests {
         assert!(seconds <= 2.0 && 1.5 * seconds > 2.0, "{n}");
         // No time for a gather that would be better than the field.
         assert_eq!(ATTEMPT.choose(&budget(None, Some(1.01)), 1000), Some(Reading::Interpolated));
-        let last = Attempt { is_last: true, ..ATTEMPT };
+        let last = Attempt { next: None, ..ATTEMPT };
         assert!(last.choose(&budget(Some(1e-4), None), 1_000_000_000).is_some());
     }
 
@@ -284,11 +310,37 @@ mod tests {
         assert!(is_stalled(&[0.02, 0.019, 0.018]) && is_stalled(&[0.5, 0.02, 0.019, 0.018]));
     }
 
+    fn found(from_rays: f64, from_functions: f64) -> ErrorRow {
+        let mean = from_rays.hypot(from_functions);
+        ErrorRow { mean, from_rays, from_functions, bound: mean, p95: mean, noise: 0.0, points: 256, rays: 512 }
+    }
+
     #[test]
-    fn each_rung_asks_for_more_than_the_one_before() {
-        for pair in RUNGS.windows(2) {
-            assert!(pair[0].n_levels <= pair[1].n_levels && pair[0].n_rays <= pair[1].n_rays);
-            assert!(pair[0].relative > pair[1].relative);
+    fn more_effort_goes_to_what_the_error_comes_from() {
+        let (noisy, times) = FIRST.next(&found(0.028, 0.0), 0.03).unwrap();
+        assert_eq!((noisy, times), (Effort { n_rays: 128, ..FIRST }, 2.0));
+        let (coarse, _) = FIRST.next(&found(0.005, 0.015), 0.01).unwrap();
+        assert_eq!(coarse, Effort { functions: 1, ..FIRST });
+        let (coarser, _) = FIRST.next(&found(0.005, 0.03), 0.01).unwrap();
+        assert_eq!(coarser, Effort { functions: 2, ..FIRST });
+        let (both, times) = FIRST.next(&found(0.02, 0.01), 0.01).unwrap();
+        assert!(both.functions == 2 && both.n_rays == 256 && times > 8.0, "{both:?} {times}");
+    }
+
+    #[test]
+    fn attempts_end_somewhere() {
+        let (mut effort, mut n) = (FIRST, 0);
+        while let Some((greater, times)) = effort.next(&found(0.1, 0.1), 1e-4) {
+            assert!(greater.functions >= effort.functions && greater.n_rays >= effort.n_rays && times >= 1.0);
+            (effort, n) = (greater, n + 1);
+        }
+        assert!(n < 10 && effort == Effort { functions: FUNCTIONS.len() - 1, n_rays: MOST_RAYS }, "{effort:?}, {n}");
+    }
+
+    #[test]
+    fn functions_become_finer() {
+        for pair in FUNCTIONS.windows(2) {
+            assert!(pair[0].0 <= pair[1].0 && pair[0].1 > pair[1].1);
         }
     }
 }

@@ -5,7 +5,7 @@ use hplt_sampling::random::Stage;
 use crate::{DirectLight, FinalGather, FinalGatherOptions, Model, Sender, final_gather_more};
 
 /// What the noise of the gathers may be of what is measured with them.
-const TELLING: f64 = 0.5;
+const TELLING: f64 = 0.7;
 /// [`FinalGatherOptions::contact`] of these gathers. What is read near a point is as wrong as what is judged there, in hollows above
 /// all: paths that land within so many supports go on. At 4 the estimate sees more of that and takes twice as long.
 const APART: f32 = 1.0;
@@ -48,7 +48,7 @@ pub struct ErrorProbe<'a> {
     /// Sampled where the rays land.
     pub light: &'a DirectLight<'a>,
     /// Fresh rays per point, at first and at most; powers of two, at least 16. Two independent halves are gathered, which tells their
-    /// noise, and more while that is above half of what is measured.
+    /// noise, and more while that is above seven tenths of what is measured.
     pub n_rays: [u32; 2],
     /// Seed of the rays.
     pub seed: u64,
