@@ -9,7 +9,7 @@ use crate::Ray;
 /// Batches below this are traced in the order given.
 const FEW: usize = 16;
 /// Bits per axis of the grid of directions.
-const BITS: u32 = 4;
+const BITS: u32 = 5;
 const N_CELLS: usize = 1 << (2 * BITS);
 
 /// Indices of `rays`, neighbours in direction next to each other; `None` for the order given.
@@ -19,7 +19,7 @@ pub(super) fn coherent_order(rays: &[Ray]) -> Option<Vec<u32>> {
         return None;
     }
     let mut ends = [0u32; N_CELLS];
-    let cells: Vec<u8> = rays.iter().map(|ray| cell(ray.direction)).collect();
+    let cells: Vec<u16> = rays.iter().map(|ray| cell(ray.direction)).collect();
     for &cell in &cells {
         ends[usize::from(cell)] += 1;
     }
@@ -38,7 +38,7 @@ pub(super) fn coherent_order(rays: &[Ray]) -> Option<Vec<u32>> {
 
 /// The place of a direction on a Hilbert curve over the octahedral map (Engelhardt & Dachsbacher, "Octahedron Environment
 /// Maps", VMV 2008); any cell for directions that are not finite.
-fn cell(direction: Vec3) -> u8 {
+fn cell(direction: Vec3) -> u16 {
     let d = direction / (direction.x.abs() + direction.y.abs() + direction.z.abs());
     let (mut x, mut y) = (d.x, d.y);
     if d.z < 0.0 {
@@ -50,10 +50,10 @@ fn cell(direction: Vec3) -> u8 {
     HILBERT[(column(y) << BITS) | column(x)]
 }
 
-const HILBERT: [u8; N_CELLS] = hilbert();
+const HILBERT: [u16; N_CELLS] = hilbert();
 
 /// The position of every cell of the grid on the Hilbert curve.
-const fn hilbert() -> [u8; N_CELLS] {
+const fn hilbert() -> [u16; N_CELLS] {
     let mut table = [0; N_CELLS];
     let mut cell = 0;
     while cell < N_CELLS {
@@ -71,7 +71,7 @@ const fn hilbert() -> [u8; N_CELLS] {
             }
             half /= 2;
         }
-        table[cell] = position as u8;
+        table[cell] = position as u16;
         cell += 1;
     }
     table
@@ -85,7 +85,7 @@ mod tests {
     fn neighbours_on_the_curve_are_neighbours_on_the_grid() {
         let mut place = [(0i32, 0i32); N_CELLS];
         for (cell, &position) in HILBERT.iter().enumerate() {
-            place[usize::from(position)] = ((cell % 16) as i32, (cell / 16) as i32);
+            place[usize::from(position)] = ((cell % (1 << BITS)) as i32, (cell >> BITS) as i32);
         }
         assert!(place.windows(2).all(|w| (w[0].0 - w[1].0).abs() + (w[0].1 - w[1].1).abs() == 1));
     }
