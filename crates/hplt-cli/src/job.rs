@@ -26,7 +26,7 @@ use crate::values::{Radius, human_bytes};
 /// Points at which the error is measured.
 const ERROR_POINTS: usize = 256;
 /// Rays of each, at first and at most.
-const ERROR_RAYS: [u32; 2] = [256, 2048];
+const ERROR_RAYS: [u32; 2] = [512, 2048];
 /// Share of the surface that may be out of reach of all functions on the coarsest level of links: their rays go on from there.
 const UNCOVERED_BY_LINKS: f64 = 0.03;
 
