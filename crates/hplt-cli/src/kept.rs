@@ -12,6 +12,9 @@ use crate::solution::{flat, number, value, vectors};
 
 /// More groups than this are not kept apart.
 const MAX_GROUPS: usize = 1000;
+/// Up to as many groups are solved beside links unasked: that takes a hundredth of the time and of the file, and makes a change of
+/// light a matter of one sweep.
+const FEW_GROUPS: usize = 16;
 
 /// What `hplt solve` is to keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -26,6 +29,11 @@ impl Keep {
     /// Whether light is needed by group.
     pub fn is_any(self) -> bool {
         self.links || self.all_groups
+    }
+
+    /// Whether the solution of each of `n_groups` is kept.
+    pub fn is_solved(self, n_groups: usize) -> bool {
+        self.all_groups || (self.links && n_groups <= FEW_GROUPS)
     }
 
     /// Refuses scenes with too many groups to keep, before anything is computed.
@@ -63,7 +71,7 @@ impl Kept {
         let groups = std::mem::take(&mut linked.groups);
         let links = std::mem::replace(&mut linked.links, SparseRows::new(0));
         let mut relighting = Relighting::new(links, System::of(linked.basis.hierarchy()), groups, progress)?;
-        if keep.all_groups {
+        if keep.is_solved(relighting.groups().len()) {
             relighting.solve_groups(solve, progress)?;
         }
         let barrier = if keep.links { relighting.barrier() } else { Vec::new() };
@@ -175,7 +183,8 @@ fn read_group(
     let is_light = |x: f32| x >= 0.0 && x.is_finite();
     let solved = has(file, &format!("group{k}.indirect")).then(|| {
         // An error without bound is infinite.
-        let (indirect, error) = (read("indirect", n, is_light)?, read("error", n_regions, |x| x >= 0.0)?);
+        // Where next to no light is, a solver may find less than none.
+        let (indirect, error) = (read("indirect", n, f32::is_finite)?, read("error", n_regions, |x| x >= 0.0)?);
         Ok::<_, Failure>(SolvedGroup { indirect, error })
     });
     Ok(GroupLight {
@@ -203,7 +212,9 @@ fn read_vectors(
         return Err(refuse(format!("{} numbers in section \"{section}\"; expected {}", floats.len(), 3 * n)));
     }
     match floats.iter().find(|x| !is_good(**x)) {
-        Some(x) => Err(refuse(format!("{x} in section \"{section}\"; expected finite numbers of 0 or more"))),
+        Some(x) => Err(refuse(format!(
+            "{x} in section \"{section}\"; expected finite numbers, of 0 or more where they are no solution"
+        ))),
         None => Ok(vectors(floats)),
     }
 }

@@ -4,9 +4,7 @@ use std::path::Path;
 
 use hplt_geom::{PointHierarchy, Progress, Rgb};
 use hplt_io::{Limits, SectionData, SolutionFile, linear_from_srgb, read_solution, write_solution};
-use hplt_transport::{
-    GroupLight, Relighting, Relit, SolveOptions, SolveReport, SolveStop, SolvedGroup, System, weighted_sum,
-};
+use hplt_transport::{GroupLight, Relighting, Relit, SolveOptions, SolveReport, SolveStop, System, weighted_sum};
 use serde_json::{Value, json};
 
 use crate::args::RelightArgs;
@@ -98,8 +96,6 @@ pub fn run(args: &RelightArgs) -> Result<Ended, Failure> {
 struct Base {
     file: SolutionFile,
     hierarchy: PointHierarchy,
-    /// All indirect light, by flat index.
-    indirect: Vec<Rgb>,
     kept: Kept,
     tolerance: f32,
 }
@@ -120,12 +116,7 @@ fn work(args: &RelightArgs, reporter: &Reporter) -> Result<Ended, Failure> {
         return list(args, &base);
     }
     let factors = factors(&args.set, &base.kept.groups)?;
-    let Base { file, hierarchy, indirect, mut kept, tolerance } = base;
-    if let ([group], Some(_)) = (&mut kept.groups[..], &kept.links) {
-        // One group alone is all the light. How good that is a sweep will tell.
-        let error = vec![Rgb::INFINITY; hierarchy.n_regions as usize];
-        group.solved.get_or_insert(SolvedGroup { indirect, error });
-    }
+    let Base { file, hierarchy, mut kept, tolerance } = base;
     if args.from_scratch {
         if kept.links.is_none() {
             return Err(Failure::usage("--from-scratch needs links; this solution keeps none"));
@@ -178,7 +169,7 @@ fn read(path: &Path) -> Result<Base, Failure> {
         let what = "its lights are changed already; relight the solution of hplt solve that it was made of";
         return Err(refuse(what.into()));
     }
-    let (hierarchy, [_, indirect]) = read_hierarchy(&file, &refuse)?;
+    let (hierarchy, _) = read_hierarchy(&file, &refuse)?;
     let kept = Kept::take_from(&mut file, &hierarchy, &refuse)?;
     if kept.groups.is_empty() {
         let what = "keeps no light by group; solve again with --keep-links or --all-groups";
@@ -191,7 +182,7 @@ fn read(path: &Path) -> Result<Base, Failure> {
     if !(tolerance >= 0.0 && tolerance.is_finite()) {
         return Err(refuse(format!("hplt.solve_tolerance is {tolerance}; expected a finite number of 0 or more")));
     }
-    Ok(Base { file, hierarchy, indirect: indirect.concat(), kept, tolerance })
+    Ok(Base { file, hierarchy, kept, tolerance })
 }
 
 /// One factor per group: 1 unless it is set.
