@@ -212,7 +212,8 @@ pub struct SolveArgs {
     /// Also write the finest level's points with normal, area and total irradiance
     #[arg(long, value_name = "FILE.ply")]
     pub ply: Option<PathBuf>,
-    /// Keep the links and the light of each group of lights, so that hplt relight can solve for other lights
+    /// Keep the links and the light of each group of lights, solved where they are 16 at most, so that hplt relight can solve for
+    /// other lights, or prove a weighted sum
     #[arg(long)]
     pub keep_links: bool,
     /// Solve for each group of lights and keep the solutions, so that hplt relight is a weighted sum; needs no links

@@ -120,8 +120,9 @@ impl Estimate {
 
     /// Bytes of a solution file for what it keeps of links and groups of lights.
     pub fn bytes_kept(&self, keep: Keep, n_groups: usize) -> u64 {
-        let of_links = if keep.links { 8.0 * self.rays_per_function } else { 0.0 };
-        let of_groups = (if keep.all_groups { 36.0 } else { 24.0 }) * n_groups as f64;
+        // An entry a link; length, sums and barrier a row.
+        let of_links = if keep.links { 8.0 * self.rays_per_function + 40.0 } else { 0.0 };
+        let of_groups = (if keep.is_solved(n_groups) { 36.0 } else { 24.0 }) * n_groups as f64;
         (GATHERED_SHARE * self.points() as f64 * (of_links + of_groups)) as u64
     }
 

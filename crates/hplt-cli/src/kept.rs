@@ -12,6 +12,9 @@ use crate::solution::{flat, number, value, vectors};
 
 /// More groups than this are not kept apart.
 const MAX_GROUPS: usize = 1000;
+/// Up to as many groups are solved beside links unasked: that takes a hundredth of the time and of the file, and makes a change of
+/// light a matter of one sweep.
+const FEW_GROUPS: usize = 16;
 
 /// What `hplt solve` is to keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -26,6 +29,11 @@ impl Keep {
     /// Whether light is needed by group.
     pub fn is_any(self) -> bool {
         self.links || self.all_groups
+    }
+
+    /// Whether the solution of each of `n_groups` is kept.
+    pub fn is_solved(self, n_groups: usize) -> bool {
+        self.all_groups || (self.links && n_groups <= FEW_GROUPS)
     }
 
     /// Refuses scenes with too many groups to keep, before anything is computed.
@@ -48,6 +56,8 @@ impl Keep {
 pub struct Kept {
     /// The links, if they are kept.
     pub links: Option<SparseRows>,
+    /// What bounds errors by them; empty where nothing beside them does.
+    pub barrier: Vec<Rgb>,
     /// The light of each group.
     pub groups: Vec<GroupLight>,
 }
@@ -60,18 +70,19 @@ impl Kept {
     pub fn of(linked: &mut Linked, keep: Keep, solve: &SolveOptions, progress: &dyn Progress) -> Result<Self, Failure> {
         let groups = std::mem::take(&mut linked.groups);
         let links = std::mem::replace(&mut linked.links, SparseRows::new(0));
-        if !keep.all_groups {
-            return Ok(Self { links: Some(links), groups });
-        }
         let mut relighting = Relighting::new(links, System::of(linked.basis.hierarchy()), groups, progress)?;
-        relighting.solve_groups(solve, progress)?;
+        if keep.is_solved(relighting.groups().len()) {
+            relighting.solve_groups(solve, progress)?;
+        }
+        let barrier = if keep.links { relighting.barrier() } else { Vec::new() };
         let (links, groups) = relighting.into_parts();
-        Ok(Self { links: keep.links.then_some(links), groups })
+        Ok(Self { links: keep.links.then_some(links), barrier, groups })
     }
 
     /// Bytes of the links in a file.
     pub fn bytes_of_links(&self) -> u64 {
-        self.links.as_ref().map_or(0, |l| 8 * l.n_entries() as u64 + 28 * l.n_rows() as u64)
+        let barrier = size_of_val(&self.barrier[..]) as u64;
+        self.links.as_ref().map_or(0, |l| 8 * l.n_entries() as u64 + 28 * l.n_rows() as u64 + barrier)
     }
 
     /// Bytes of the light of groups in a file.
@@ -103,12 +114,14 @@ impl Kept {
             }
         }
         if let Some(links) = self.links {
-            let SparseParts { lengths, entries, sums, .. } = links.to_parts();
-            drop(links);
+            let SparseParts { lengths, entries, sums, .. } = links.into_parts();
             let halves = |sum: f64| [sum.to_bits() as u32, (sum.to_bits() >> 32) as u32];
             push("links.lengths".into(), SectionData::U32(lengths));
             push("links.entries".into(), SectionData::U32(entries));
             push("links.sums".into(), SectionData::U32(sums.into_iter().flat_map(halves).collect()));
+            if !self.barrier.is_empty() {
+                push("links.barrier".into(), SectionData::F32(flat(self.barrier.into_iter())));
+            }
         }
     }
 
@@ -131,11 +144,15 @@ impl Kept {
         }
         let groups = (0..n_groups).map(|k| read_group(file, k, (n, hierarchy.n_regions as usize), refuse));
         let groups = groups.collect::<Result<Vec<_>, _>>()?;
-        let links = match file.sections.iter().any(|s| s.name == "links.entries") {
+        let links = match has(file, "links.entries") {
             true => Some(take_links(file, n).map_err(|e| e.into_failure(refuse))?),
             false => None,
         };
-        Ok(Self { links, groups })
+        let barrier = match has(file, "links.barrier") {
+            true => read_vectors(file, "links.barrier", n, |x| x >= 0.0 && x.is_finite(), refuse)?,
+            false => Vec::new(),
+        };
+        Ok(Self { links, barrier, groups })
     }
 }
 
@@ -161,20 +178,13 @@ fn read_group(
 ) -> Result<GroupLight, Failure> {
     let name = value(file, &format!("hplt.light_group{k}")).map_err(refuse)?.to_owned();
     let read = |what: &str, n: usize, is_good: fn(f32) -> bool| {
-        let floats = file.floats(&format!("group{k}.{what}"))?;
-        if floats.len() != 3 * n {
-            return Err(refuse(format!("light group {k}: {} numbers of {what}; expected {}", floats.len(), 3 * n)));
-        }
-        match floats.iter().find(|x| !is_good(**x)) {
-            Some(x) => Err(refuse(format!("light group {k}: {what} {x}; expected finite light of 0 or more"))),
-            None => Ok(vectors(floats)),
-        }
+        read_vectors(file, &format!("group{k}.{what}"), n, is_good, refuse)
     };
     let is_light = |x: f32| x >= 0.0 && x.is_finite();
-    let has_solution = file.sections.iter().any(|s| s.name == format!("group{k}.indirect"));
-    let solved = has_solution.then(|| {
+    let solved = has(file, &format!("group{k}.indirect")).then(|| {
         // An error without bound is infinite.
-        let (indirect, error) = (read("indirect", n, is_light)?, read("error", n_regions, |x| x >= 0.0)?);
+        // Where next to no light is, a solver may find less than none.
+        let (indirect, error) = (read("indirect", n, f32::is_finite)?, read("error", n_regions, |x| x >= 0.0)?);
         Ok::<_, Failure>(SolvedGroup { indirect, error })
     });
     Ok(GroupLight {
@@ -183,6 +193,30 @@ fn read_group(
         first_bounce: read("first_bounce", n, is_light)?,
         solved: solved.transpose()?,
     })
+}
+
+fn has(file: &SolutionFile, section: &str) -> bool {
+    file.sections.iter().any(|s| s.name == section)
+}
+
+/// The `n` vectors of a section, none of them damaged.
+fn read_vectors(
+    file: &SolutionFile,
+    section: &str,
+    n: usize,
+    is_good: fn(f32) -> bool,
+    refuse: &impl Fn(String) -> Failure,
+) -> Result<Vec<Rgb>, Failure> {
+    let floats = file.floats(section)?;
+    if floats.len() != 3 * n {
+        return Err(refuse(format!("{} numbers in section \"{section}\"; expected {}", floats.len(), 3 * n)));
+    }
+    match floats.iter().find(|x| !is_good(**x)) {
+        Some(x) => Err(refuse(format!(
+            "{x} in section \"{section}\"; expected finite numbers, of 0 or more where they are no solution"
+        ))),
+        None => Ok(vectors(floats)),
+    }
 }
 
 fn take_links(file: &mut SolutionFile, n: usize) -> Result<SparseRows, Broken> {
@@ -201,7 +235,7 @@ fn take_links(file: &mut SolutionFile, n: usize) -> Result<SparseRows, Broken> {
         _ => Vec::new(),
     };
     let n_columns = u32::try_from(n).unwrap_or(u32::MAX);
-    SparseRows::from_parts(&SparseParts { n_columns, lengths, entries, sums }).map_err(Broken::Links)
+    SparseRows::from_parts(SparseParts { n_columns, lengths, entries, sums }).map_err(Broken::Links)
 }
 
 /// The factors by which a relit solution multiplies the lights of its scene; `None` when it has not changed them.

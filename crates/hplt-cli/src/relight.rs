@@ -215,12 +215,13 @@ fn relight(
     seconds: &mut Seconds,
 ) -> Result<Relit, Failure> {
     let system = System::of(hierarchy);
-    let Kept { links, groups } = kept;
+    let Kept { links, barrier, groups } = kept;
     let Some(links) = links else {
         let sum = timed(reporter, &mut seconds.solve, || weighted_sum(&system, &groups, factors))?;
         return sum.ok_or_else(|| Failure::new(Exit::Bug, "RELIGHT", "a group of lights is not solved"));
     };
-    let relighting = timed(reporter, &mut seconds.prepare, || Relighting::new(links, system, groups, reporter));
+    let relighting =
+        timed(reporter, &mut seconds.prepare, || Relighting::with_barrier(links, &barrier, system, groups, reporter));
     let relighting = relighting.map_err(|error| match error {
         hplt_transport::Error::Links { .. } => Failure::new(Exit::Solution, "SOLUTION_MISMATCH", error.to_string()),
         other => other.into(),

@@ -190,8 +190,12 @@ pub enum ReconstructionName {
 #[derive(ValueEnum, Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverName {
+    /// Coarse-gmres where nearly white rooms keep light for long, else gmres
+    Auto,
     /// Generalised minimal residuals: fewest products
     Gmres,
+    /// The same with a coarse level of about one unknown a room, solved directly
+    CoarseGmres,
     /// Stabilised biconjugate gradients: least memory
     Bicgstab,
     /// One sweep in place after another

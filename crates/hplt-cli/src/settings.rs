@@ -178,7 +178,7 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
             preset: Some(preset),
             variant: Some(variant),
             reconstruction: Some(reconstruction),
-            solver: (variant == Variant::Links).then_some(SolverName::Gmres),
+            solver: (variant == Variant::Links).then_some(SolverName::Auto),
             levels: Some(levels),
             radius: Some(radius),
             rays: Some(transport.n_rays),
@@ -206,7 +206,9 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
 
 fn method(solver: SolverName) -> Method {
     match solver {
-        SolverName::Gmres => SolveOptions::default().method,
+        SolverName::Auto => Method::Auto,
+        SolverName::Gmres => Method::Gmres { restart: 20 },
+        SolverName::CoarseGmres => Method::CoarseGmres { restart: 20 },
         SolverName::Bicgstab => Method::BiCgStab,
         SolverName::GaussSeidel => Method::GaussSeidel,
         SolverName::Southwell => Method::Southwell,

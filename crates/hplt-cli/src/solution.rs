@@ -18,7 +18,7 @@ use crate::report::LevelRow;
 use crate::sections::{ReconstructionName, Variant};
 
 /// The layout of sections in the file; changes with it.
-const LAYOUT: &str = "1";
+const LAYOUT: &str = "2";
 
 /// The content of a solution file for a lit scene.
 pub fn to_file(run: &Run<'_>, lit: &mut Lit<'_>) -> SolutionFile {

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Folder, table};
-use hplt_io::{Limits, SectionData, SolutionFile, read_solution, write_solution};
+use hplt_io::{Limits, Section, SectionData, SolutionFile, read_solution, write_solution};
 use serde_json::Value;
 
 /// A closed box with a lamp of its own, a point light and another lamp on the floor.
@@ -52,13 +52,15 @@ fn the_same_lights_are_the_same_light_and_the_file_returns_to_the_bit() {
     let more = (folder.read("room.hplt").len() - folder.read("plain.hplt").len()) as u64;
     assert!((size..size + 2000).contains(&more), "{size} {more}");
     assert_eq!(from_solution(&folder, "room.hplt"), from_solution(&folder, "plain.hplt"));
-    let report = folder.run(&["relight", "room.hplt", "-o", "same.hplt", "--json"]).ok().json();
+    let report = folder.run(&["relight", "room.hplt", "-o", "same.hplt", "--json", "--from-scratch"]).ok().json();
     assert!(report["method"] == "solve" && report["sweeps"].as_u64().unwrap() > 1);
     assert!(report["seconds"]["solve"].as_f64().is_some() && report["bound"].as_f64().unwrap() <= 1e-5);
     let same = difference(&from_solution(&folder, "same.hplt"), &from_solution(&folder, "room.hplt"));
     assert!(same < 4e-5, "{same}");
-    folder.run(&["relight", "room.hplt", "-o", "three.hplt", "--threads", "3"]).ok();
+    folder.run(&["relight", "room.hplt", "-o", "three.hplt", "--from-scratch", "--threads", "3"]).ok();
     assert_eq!(folder.read("same.hplt"), folder.read("three.hplt"), "bits do not depend on threads");
+    let proved = folder.run(&["relight", "room.hplt", "-o", "proved.hplt", "--set", "bulb=3", "--json"]).ok().json();
+    assert!(proved["method"] == "solve" && proved["sweeps"] == 1, "few groups are solved unasked: {proved}");
 }
 
 #[test]
@@ -104,7 +106,10 @@ fn pictures_show_the_changed_lamp_itself() {
     let folder = Folder::new();
     let scene = ["gen:cornell"];
     folder.tiny(&[&["solve"][..], &scene, &["--keep-links", "-o", "room.hplt"]].concat()).ok();
-    folder.run(&["relight", "room.hplt", "--set", "light=4", "-o", "bright.hplt"]).ok();
+    let change = ["relight", "room.hplt", "--set", "light=4", "--json", "--force", "-o", "bright.hplt"];
+    let sweeps = |extra: &[&str]| folder.run(&[&change, extra].concat()).ok().json()["sweeps"].as_u64().unwrap();
+    assert!(sweeps(&["--from-scratch"]) > 1);
+    assert_eq!(sweeps(&[]), 1);
     let picture = |solution: &str, name: &str| {
         let args = [&["render"][..], &scene, &["--solution", solution, "--size", "24x16", "-o", name]].concat();
         folder.tiny(&args).ok();
@@ -192,6 +197,15 @@ fn integers<'f>(file: &'f mut SolutionFile, name: &str) -> &'f mut Vec<u32> {
     }
 }
 
+/// Puts a uniform barrier in place of that of the file, if it has one.
+fn barrier(file: &mut SolutionFile, value: f32) -> &mut Vec<f32> {
+    let n = floats(file, "group0.direct").len();
+    file.sections.retain(|s| s.name != "links.barrier");
+    let data = SectionData::F32(vec![value; n]);
+    file.sections.push(Section { name: "links.barrier".into(), data });
+    floats(file, "links.barrier")
+}
+
 fn text<'f>(file: &'f mut SolutionFile, key: &str) -> &'f mut String {
     &mut file.metadata.iter_mut().find(|(k, _)| k == key).unwrap().1
 }
@@ -226,6 +240,10 @@ fn damaged_links_and_groups_are_refused() {
             section.data = SectionData::F32(vec![0.0; 2]);
         }),
         ("no sums", |f| f.sections.retain(|s| s.name != "links.sums")),
+        ("a barrier of other length", |f| barrier(f, 1.0).truncate(3)),
+        ("a barrier that is no number", |f| barrier(f, 1.0)[4] = f32::NAN),
+        ("an infinite barrier", |f| barrier(f, f32::INFINITY).truncate(usize::MAX)),
+        ("a negative barrier", |f| barrier(f, 1.0)[0] = -1.0),
         ("light that is no number", |f| floats(f, "group1.direct")[3] = f32::NAN),
         ("infinite light", |f| floats(f, "group0.first_bounce")[3] = f32::INFINITY),
         ("negative light", |f| floats(f, "group2.first_bounce")[0] = -1.0),
@@ -260,8 +278,14 @@ fn damaged_links_and_groups_are_refused() {
         folder.write("bad.hplt", &flipped);
         assert_eq!(folder.run(&["relight", "bad.hplt", "-o", "new.hplt"]).code, Some(9), "{at}");
     }
-    write_solution(&folder.path("bad.hplt"), &good).unwrap();
+    let mut harmless = good;
+    write_solution(&folder.path("bad.hplt"), &harmless).unwrap();
     folder.run(&["relight", "bad.hplt", "-o", "new.hplt"]).ok();
+    for wrong in [0.0, 1e-30, 2.0, f32::MAX] {
+        barrier(&mut harmless, wrong);
+        write_solution(&folder.path("bad.hplt"), &harmless).unwrap();
+        folder.run(&["relight", "bad.hplt", "-o", "new.hplt", "--force"]).ok();
+    }
 }
 
 #[test]

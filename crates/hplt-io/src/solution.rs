@@ -30,6 +30,8 @@ const MAGIC: [u8; 8] = *b"\x89HPLT\r\n\x1a";
 const VERSION: u32 = 1;
 const MAX_SECTIONS: u32 = 65_536;
 const MAX_NAME: u32 = 4096;
+/// Bytes that are read at a time.
+const PIECE: usize = 1 << 18;
 
 /// The content of a solution file.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -221,9 +223,17 @@ impl<R: Read> SectionReader<R> {
 
     /// Data of `length` bytes, checked.
     fn data<T: Pod>(&mut self, place: &str, name: &str, length: u64) -> Result<Vec<T>, Error> {
-        let data = self.read(length, place)?;
+        let mut data = self.room(length, place)?;
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(name.as_bytes());
+        // A piece is summed while it is in the cache.
+        for piece in bytemuck::cast_slice_mut(&mut data).chunks_mut(PIECE) {
+            self.reader.read_exact(piece).map_err(|_| self.truncated(length, place))?;
+            hasher.update(piece);
+        }
+        self.left -= length;
         let crc: Vec<u8> = self.read(4, place)?;
-        check_crc(place, &[name.as_bytes(), bytemuck::cast_slice(&data)], &crc)?;
+        check_sum(place, hasher.finalize(), &crc)?;
         Ok(data)
     }
 
@@ -241,18 +251,24 @@ impl<R: Read> SectionReader<R> {
 
     /// The next `n` bytes.
     fn read<T: Pod>(&mut self, n: u64, place: &str) -> Result<Vec<T>, Error> {
-        let truncated =
-            || Error::invalid(place, "SOLUTION_TRUNCATED", format!("needs {n} bytes; the file has {} more", self.left));
-        if n > self.left {
-            return Err(truncated());
-        }
-        let length = usize::try_from(n).map_err(|_| truncated())? / size_of::<T>();
-        let mut data = Vec::new();
-        data.try_reserve_exact(length).map_err(|_| Error::limit(place, "LIMIT_MEMORY", "bytes", n, 0))?;
-        data.resize(length, T::zeroed());
-        self.reader.read_exact(bytemuck::cast_slice_mut(&mut data)).map_err(|_| truncated())?;
+        let mut data = self.room(n, place)?;
+        self.reader.read_exact(bytemuck::cast_slice_mut(&mut data)).map_err(|_| self.truncated(n, place))?;
         self.left -= n;
         Ok(data)
+    }
+
+    /// Zeros for the next `n` bytes, if the file has as many.
+    fn room<T: Pod>(&self, n: u64, place: &str) -> Result<Vec<T>, Error> {
+        if n > self.left {
+            return Err(self.truncated(n, place));
+        }
+        let length = usize::try_from(n).map_err(|_| self.truncated(n, place))? / size_of::<T>();
+        // Zeros that the system has ready, not written ones.
+        bytemuck::allocation::try_zeroed_vec(length).map_err(|()| Error::limit(place, "LIMIT_MEMORY", "bytes", n, 0))
+    }
+
+    fn truncated(&self, n: u64, place: &str) -> Error {
+        Error::invalid(place, "SOLUTION_TRUNCATED", format!("needs {n} bytes; the file has {} more", self.left))
     }
 }
 
@@ -261,7 +277,11 @@ fn place(name: &str) -> String {
 }
 
 fn check_crc(place: &str, parts: &[&[u8]], expected: &[u8]) -> Result<(), Error> {
-    let (found, expected) = (crc32(parts), u32_at(expected, 0));
+    check_sum(place, crc32(parts), expected)
+}
+
+fn check_sum(place: &str, found: u32, expected: &[u8]) -> Result<(), Error> {
+    let expected = u32_at(expected, 0);
     if found == expected {
         return Ok(());
     }

@@ -71,15 +71,39 @@ impl Relighting {
         groups: Vec<GroupLight>,
         progress: &dyn Progress,
     ) -> Result<Self, Error> {
+        Self::with_barrier(links, &[], system, groups, progress)
+    }
+
+    /// As [`new`](Self::new), with the [`barrier`](Self::barrier) of the same links from before, which is most of the work.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    ///
+    /// # Panics
+    /// When lengths differ.
+    pub fn with_barrier(
+        links: SparseRows,
+        barrier: &[Rgb],
+        system: System,
+        groups: Vec<GroupLight>,
+        progress: &dyn Progress,
+    ) -> Result<Self, Error> {
         let n = system.len();
         let fits = |v: &[Rgb]| v.len() == n;
         assert!(links.n_rows() == n, "one row per unknown");
+        assert!(barrier.is_empty() || fits(barrier), "one value per unknown");
         assert!(groups.iter().all(|g| fits(&g.direct) && fits(&g.first_bounce)), "one value per unknown");
-        if let Some(row) = Blocks::new(&system.unknowns()).joined_by(&links) {
+        let blocks = Blocks::new(&system.unknowns());
+        if let Some(row) = blocks.joined_by(&links) {
             return Err(Error::Links { row, problem: "one leads to another region" });
         }
-        let gain = Gain::build(&links, &system.unknowns(), progress)?;
+        let gain = Gain::of(&links, blocks, barrier, progress)?;
         Ok(Self { links, system, gain, groups })
+    }
+
+    /// What bounds the error of a solution ([`Gain::barrier`]), to be kept beside the links; empty where their row sums do.
+    pub fn barrier(&self) -> Vec<Rgb> {
+        self.gain.barrier()
     }
 
     /// The groups of lights.

@@ -18,33 +18,49 @@ use crate::LinearOperator;
 pub struct SparseRows {
     n_columns: u32,
     starts: Vec<u64>,
-    entries: Vec<Entry>,
+    /// Two for each [`Entry`], as files keep them.
+    words: Vec<u32>,
     scales: Vec<DVec3>,
     row_sums: Vec<DVec3>,
+    /// Which columns hold any weight.
+    is_read: Vec<bool>,
 }
 
 /// A step to the right, and a weight there in units of the scale of its row. A gap that 16 bits cannot hold is several
 /// entries, all but the last one without weight.
+///
+/// Two words, the low half of each first: step and red, green and blue.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Entry([u16; 4]);
+pub(crate) struct Entry([u32; 2]);
 
 impl Entry {
     fn new(step: u16, [r, g, b]: [u16; 3]) -> Self {
-        Self([step, r, g, b])
+        let word = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
+        Self([word(step, r), word(g, b)])
+    }
+
+    /// The step, and red, green and blue.
+    fn halves(self) -> [u16; 4] {
+        let [a, b] = self.0;
+        [a as u16, (a >> 16) as u16, b as u16, (b >> 16) as u16]
     }
 
     fn step(self) -> u16 {
-        self.0[0]
+        self.halves()[0]
+    }
+
+    fn has_weight(self) -> bool {
+        self.0[0] >> 16 | self.0[1] != 0
     }
 
     fn weight(self) -> DVec3 {
-        let [_, r, g, b] = self.0;
+        let [_, r, g, b] = self.halves();
         DVec3::new(f64::from(r), f64::from(g), f64::from(b))
     }
 
     /// Step and weight at once: one conversion of four numbers.
     fn lanes(self) -> Vec4 {
-        Vec4::from_array(self.0.map(f32::from))
+        Vec4::from_array(self.halves().map(f32::from))
     }
 }
 
@@ -55,7 +71,8 @@ impl SparseRows {
     /// When `n` does not fit in 32 bits.
     pub fn new(n: usize) -> Self {
         let n_columns = u32::try_from(n).expect("at most 2^32 - 1 unknowns");
-        Self { n_columns, starts: vec![0], entries: Vec::new(), scales: Vec::new(), row_sums: Vec::new() }
+        let (words, scales, row_sums) = (Vec::new(), Vec::new(), Vec::new());
+        Self { n_columns, starts: vec![0], words, scales, row_sums, is_read: vec![false; n] }
     }
 
     /// Makes room for `n_rows` rows of `n_entries` entries in all.
@@ -63,7 +80,7 @@ impl SparseRows {
         self.starts.reserve(n_rows);
         self.scales.reserve(n_rows);
         self.row_sums.reserve(n_rows);
-        self.entries.reserve(n_entries);
+        self.words.reserve(2 * n_entries);
     }
 
     /// Appends a row: columns ascending, each once, weights finite and not negative.
@@ -84,15 +101,16 @@ impl SparseRows {
         let (mut stored, mut last) = (DVec3::ZERO, 0);
         for &(column, weight) in row {
             while column - last > u32::from(u16::MAX) {
-                self.entries.push(Entry::new(u16::MAX, [0; 3]));
+                self.words.extend(Entry::new(u16::MAX, [0; 3]).0);
                 last += u32::from(u16::MAX);
             }
             let weight = (weight.as_dvec3() * per_weight).round().to_array().map(|w| w as u16);
             let entry = Entry::new((column - last) as u16, weight);
             (stored, last) = (stored + entry.weight(), column);
-            self.entries.push(entry);
+            self.words.extend(entry.0);
+            self.is_read[column as usize] |= entry.has_weight();
         }
-        self.starts.push(self.entries.len() as u64);
+        self.starts.push(self.n_entries() as u64);
         self.scales.push(DVec3::select(stored.cmpgt(DVec3::ZERO), sum / stored, DVec3::ZERO));
         self.row_sums.push(sum);
     }
@@ -104,17 +122,18 @@ impl SparseRows {
 
     /// How many entries are stored.
     pub fn n_entries(&self) -> usize {
-        self.entries.len()
+        self.words.len() / 2
     }
 
     /// Bytes held.
     pub fn memory(&self) -> usize {
-        Self::memory_of(self.n_rows(), self.entries.len())
+        Self::memory_of(self.n_rows(), self.n_entries())
     }
 
     /// Bytes that `n_rows` rows of `n_entries` entries in all will take.
     pub fn memory_of(n_rows: usize, n_entries: usize) -> usize {
-        n_entries * size_of::<Entry>() + n_rows * (size_of::<u64>() + 2 * size_of::<DVec3>()) + size_of::<u64>()
+        let per_row = size_of::<u64>() + 2 * size_of::<DVec3>() + size_of::<bool>();
+        n_entries * size_of::<Entry>() + n_rows * per_row + size_of::<u64>()
     }
 
     /// The sum of the weights of a row.
@@ -135,39 +154,38 @@ impl SparseRows {
 
     /// The entries of a row in units of its scale.
     pub(crate) fn multiples(&self, row: usize) -> impl Iterator<Item = (u32, DVec3)> + '_ {
-        let entries = &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize];
-        entries.iter().scan(0, |column, entry| {
+        self.entries(row).iter().scan(0, |column, &entry| {
+            let entry = Entry(entry);
             *column += u32::from(entry.step());
             Some((*column, entry.weight()))
         })
     }
 
     /// Which columns hold any weight: whose unknowns others read.
-    pub(crate) fn read_columns(&self) -> Vec<bool> {
-        let mut is_read = vec![false; self.n_columns as usize];
-        for row in self.starts.windows(2) {
-            let mut column = 0;
-            for entry in &self.entries[row[0] as usize..row[1] as usize] {
-                column += usize::from(entry.step());
-                is_read[column] |= entry.0[1] | entry.0[2] | entry.0[3] != 0;
-            }
-        }
-        is_read
+    pub(crate) fn read_columns(&self) -> &[bool] {
+        &self.is_read
+    }
+
+    /// The words of the entries of a row.
+    fn entries(&self, row: usize) -> &[[u32; 2]] {
+        let range = 2 * self.starts[row] as usize..2 * self.starts[row + 1] as usize;
+        self.words[range].as_chunks().0
     }
 
     /// `Σ_j G_ij x_j` of row `i`.
     pub(crate) fn row_times(&self, row: usize, x: &[DVec3]) -> DVec3 {
-        let entries = &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize];
         let (mut even, mut odd, mut column) = (DVec3::ZERO, DVec3::ZERO, 0);
         // Two sums in turn: one alone would wait for each addition.
-        let mut pairs = entries.chunks_exact(2);
-        for pair in &mut pairs {
-            let first = column + usize::from(pair[0].step());
-            column = first + usize::from(pair[1].step());
-            even += pair[0].weight() * x[first];
-            odd += pair[1].weight() * x[column];
+        let (pairs, rest) = self.entries(row).as_chunks();
+        for &[a, b] in pairs {
+            let (a, b) = (Entry(a), Entry(b));
+            let first = column + usize::from(a.step());
+            column = first + usize::from(b.step());
+            even += a.weight() * x[first];
+            odd += b.weight() * x[column];
         }
-        for last in pairs.remainder() {
+        for &last in rest {
+            let last = Entry(last);
             even += last.weight() * x[column + usize::from(last.step())];
         }
         self.scales[row] * (even + odd)
@@ -178,16 +196,17 @@ impl SparseRows {
 impl SparseRows {
     /// `Σ_j G_ij x_j` of row `i`, each `x` behind a zero: that lane takes the steps.
     fn row_times_f32(&self, row: usize, x: &[Vec4]) -> Vec4 {
-        let entries = &self.entries[self.starts[row] as usize..self.starts[row + 1] as usize];
         let (mut even, mut odd, mut column) = (Vec4::ZERO, Vec4::ZERO, 0);
-        let mut pairs = entries.chunks_exact(2);
-        for pair in &mut pairs {
-            let first = column + usize::from(pair[0].step());
-            column = first + usize::from(pair[1].step());
-            even += pair[0].lanes() * x[first];
-            odd += pair[1].lanes() * x[column];
+        let (pairs, rest) = self.entries(row).as_chunks();
+        for &[a, b] in pairs {
+            let (a, b) = (Entry(a), Entry(b));
+            let first = column + usize::from(a.step());
+            column = first + usize::from(b.step());
+            even += a.lanes() * x[first];
+            odd += b.lanes() * x[column];
         }
-        for last in pairs.remainder() {
+        for &last in rest {
+            let last = Entry(last);
             even += last.lanes() * x[column + usize::from(last.step())];
         }
         even + odd

@@ -219,6 +219,32 @@ fn solved_groups_make_a_change_of_light_a_sum() {
     assert_eq!(weighted_sum(&system, &groups, &factors).unwrap().unwrap().indirect, by_sum.indirect);
 }
 
+/// What bounds errors is kept beside the links; whatever stands there instead, a bound holds.
+#[test]
+fn a_kept_barrier_bounds_as_before_and_a_wrong_one_never_wrongly() {
+    let linked = Lit::new(room(1), DirectEstimator::Lights).link(&options(2, 64));
+    let (n, system) = (linked.links.n_rows(), System::of(linked.basis.hierarchy()));
+    let (links, groups) = (linked.links.clone(), linked.groups.clone());
+    let fresh = relighting(linked);
+    let loose = SolveOptions { tolerance: 1e-2, ..TIGHT };
+    let exact = fresh.relight(&[Rgb::ONE; 4], &TIGHT, &NoProgress).unwrap();
+    let relit = |barrier: &[Rgb]| {
+        let (links, groups) = (links.clone(), groups.clone());
+        let kept = Relighting::with_barrier(links, barrier, system.clone(), groups, &NoProgress).unwrap();
+        kept.relight(&[Rgb::ONE; 4], &loose, &NoProgress).unwrap()
+    };
+    let (before, kept) = (fresh.relight(&[Rgb::ONE; 4], &loose, &NoProgress).unwrap(), relit(&fresh.barrier()));
+    assert!(!fresh.barrier().is_empty() && (kept.bound / before.bound - 1.0).abs() < 1e-3, "{}", kept.bound);
+    let areas = system.unknowns().areas;
+    let mean = exact.indirect.iter().zip(areas).map(|(e, a)| *e * *a).sum::<Rgb>() / areas.iter().sum::<f32>();
+    for barrier in [vec![Rgb::ONE; n], vec![Rgb::splat(1e-30); n], vec![Rgb::splat(f32::MAX); n], fresh.barrier()] {
+        let relit = relit(&barrier);
+        let error = |(a, b): (&Rgb, &Rgb)| ((*a - *b).abs() / mean).max_element();
+        let error = relit.indirect.iter().zip(&exact.indirect).map(error).fold(0.0, f32::max);
+        assert!(error <= relit.bound + 2e-6 && relit.bound <= 1e-2, "{error} {}", relit.bound);
+    }
+}
+
 #[test]
 fn bits_do_not_depend_on_threads() {
     let lit = Lit::new(room(6), DirectEstimator::Lights);

@@ -8,9 +8,16 @@ use hplt_transport::{
     Error, Gain, LinearOperator, Method, SolveOptions, SolveReport, SolveStop, SparseRows, Unknowns, solve, solve_many,
 };
 
-const METHODS: [Method; 5] =
-    [Method::Bounces, Method::GaussSeidel, Method::Southwell, Method::BiCgStab, Method::Gmres { restart: 20 }];
-const KRYLOV: [Method; 2] = [Method::BiCgStab, Method::Gmres { restart: 20 }];
+const METHODS: [Method; 7] = [
+    Method::Bounces,
+    Method::GaussSeidel,
+    Method::Southwell,
+    Method::BiCgStab,
+    Method::Gmres { restart: 20 },
+    Method::CoarseGmres { restart: 20 },
+    Method::Auto,
+];
+const KRYLOV: [Method; 3] = [Method::BiCgStab, Method::Gmres { restart: 20 }, Method::CoarseGmres { restart: 20 }];
 
 /// A splitmix64 sequence of numbers in [0, 1).
 struct Random(u64);
@@ -410,6 +417,44 @@ fn a_method_that_stands_still_hands_over_and_says_so() {
     assert!(report.is_converged() && is_bounded && error <= 1e-3, "{error:e} {report:?}");
 }
 
+/// Rooms in a row: every row has 24 links in its room and, most of them, one through a door.
+fn rooms_in_a_row(n_rooms: usize, per_room: usize, albedo: f64) -> SparseRows {
+    let (mut random, n) = (Random(71), n_rooms * per_room);
+    let mut g = SparseRows::new(n);
+    for i in 0..n {
+        let room = i / per_room;
+        let next = if random.next() < 0.5 { room.saturating_sub(1) } else { (room + 1).min(n_rooms - 1) };
+        let mut row: Vec<(u32, f64)> =
+            (0..24).map(|_| ((room * per_room + random.below(per_room)) as u32, 1.0)).collect();
+        row.push(((next * per_room + random.below(per_room)) as u32, 0.2));
+        row.sort_unstable_by_key(|(j, _)| *j);
+        row.dedup_by_key(|(j, _)| *j);
+        let total: f64 = row.iter().map(|(_, w)| w).sum();
+        let colour = Rgb::new(1.0, 0.99, 0.5) * albedo as f32;
+        g.push_row(&row.iter().map(|&(j, w)| (j, colour * (w / total) as f32)).collect::<Vec<_>>());
+    }
+    g
+}
+
+#[test]
+fn a_coarse_level_halves_the_sweeps_in_white_rooms_and_is_chosen_there_alone() {
+    let g = rooms_in_a_row(8, 40, 0.998);
+    let n = g.n_rows();
+    let d: Vec<Rgb> = (0..n).map(|i| if i < 4 { Rgb::ONE } else { Rgb::ZERO }).collect();
+    let truth = truth(&g, &d);
+    let solved = [Method::Gmres { restart: 20 }, Method::CoarseGmres { restart: 20 }, Method::Auto].map(|method| {
+        let (x, report) = run(&g, &d, method, 1e-4);
+        let (error, is_bounded) = error(&x, &truth, &vec![0; n], &report);
+        assert!(report.is_converged() && is_bounded && error <= 1e-4, "{method:?}: {error:e} {report:?}");
+        (report.sweeps, report.method)
+    });
+    let [(plain, _), (coarse, method), auto] = solved;
+    assert!(2 * coarse <= plain && coarse <= 20, "{coarse} of {plain}");
+    assert_eq!(auto, (coarse, method));
+    let dull = rooms_in_a_row(8, 40, 0.8);
+    assert_eq!(run(&dull, &d, Method::Auto, 1e-4).1.method, Method::Gmres { restart: 20 });
+}
+
 #[test]
 fn running_out_of_sweeps_leaves_a_bound_that_holds() {
     let mut random = Random(67);
@@ -512,6 +557,7 @@ fn options_and_light_out_of_range_are_refused() {
         SolveOptions { tolerance: f32::NAN, ..SolveOptions::default() },
         SolveOptions { max_sweeps: 0, ..SolveOptions::default() },
         SolveOptions { method: Method::Gmres { restart: 0 }, ..SolveOptions::default() },
+        SolveOptions { method: Method::CoarseGmres { restart: 0 }, ..SolveOptions::default() },
     ] {
         assert!(matches!(with(bad.clone(), [Rgb::ONE; 4]), Err(Error::Option { .. })), "{bad:?}");
     }

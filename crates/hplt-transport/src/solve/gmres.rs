@@ -1,6 +1,9 @@
+use std::borrow::Cow;
+
 use hplt_geom::glam::DVec3;
 
 use super::blocks::{Lanes, map2, ratio};
+use super::coarse::Coarse;
 use super::run::{Halt, Problem, Run};
 
 /// Cycles without halving the bound after which the method stands still.
@@ -13,8 +16,15 @@ const NEAR: [f64; 2] = [300.0, 30.0];
 /// Tolerances finer than this are a matter of rounding.
 const FINEST: f64 = 1e-6;
 
-/// Cycles of at most `restart` steps, until the residual bounds the error well enough, or the method stands still.
-pub(crate) fn advance(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], run: &mut Run<'_>) -> Result<(), Halt> {
+/// Cycles of at most `restart` steps, until the residual bounds the error well enough, or the method stands still. Preconditioned
+/// from the right, so that residuals are the true ones.
+pub(crate) fn advance(
+    problem: &Problem<'_>,
+    restart: usize,
+    coarse: Option<&Coarse>,
+    x: &mut [DVec3],
+    run: &mut Run<'_>,
+) -> Result<(), Halt> {
     let (mut best, mut n_idle) = (f64::INFINITY, 0);
     loop {
         let mut r = vec![DVec3::ZERO; x.len()];
@@ -22,7 +32,7 @@ pub(crate) fn advance(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], ru
         r.iter_mut().zip(problem.d).for_each(|(r, d)| *r = *d - *r);
         problem.keep_read(&mut r);
         run.history.push(problem.relative_residual(&r));
-        let end = cycle(problem, restart, x, &r, run);
+        let end = cycle(problem, Space::new(problem, coarse, &r), restart, x, &r, run);
         n_idle = if end.bound < 0.5 * best { 0 } else { n_idle + 1 };
         best = best.min(end.bound);
         end.halt?;
@@ -56,9 +66,15 @@ impl Look {
     }
 }
 
-/// One cycle from `x` with residual `r`, of the unknowns that are read.
-fn cycle(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], r: &[DVec3], run: &mut Run<'_>) -> End {
-    let mut space = Space::new(problem, r);
+/// One cycle from `x` with residual `r`, of the unknowns that are read, which `space` begins with.
+fn cycle(
+    problem: &Problem<'_>,
+    mut space: Space<'_>,
+    restart: usize,
+    x: &mut [DVec3],
+    r: &[DVec3],
+    run: &mut Run<'_>,
+) -> End {
     let mut w = vec![DVec3::ZERO; x.len()];
     let mut end = End { bound: f64::INFINITY, is_good: false, halt: Ok(()) };
     let mut look = Look {
@@ -67,11 +83,13 @@ fn cycle(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], r: &[DVec3], ru
         relative_residual: problem.relative_residual(r),
     };
     let mut near = NEAR[0];
-    let is_rough = look.bound * ROUGHNESS < problem.tolerance;
+    // A coarse level returns vectors that are longer by up to the gain, and the error of rough products with them.
+    let is_rough = space.coarse.is_none() && look.bound * ROUGHNESS < problem.tolerance;
     for step in 0..restart {
+        let direction = space.direction(step);
         end.halt = match is_rough {
-            true => run.rough_product(problem, &space.basis[step], &mut w),
-            false => run.product(problem.g, &space.basis[step], &mut w),
+            true => run.rough_product(problem, &direction, &mut w),
+            false => run.product(problem.g, &direction, &mut w),
         };
         if end.halt.is_err() {
             break;
@@ -101,8 +119,10 @@ fn cycle(problem: &Problem<'_>, restart: usize, x: &mut [DVec3], r: &[DVec3], ru
     end
 }
 
-/// The Krylov space, with one small least-squares problem per component and channel: `A V_j = V_{j+1} H_j`.
-struct Space {
+/// The Krylov space, with one small least-squares problem per component and channel: `A M⁻¹ V_j = V_{j+1} H_j`.
+struct Space<'a> {
+    /// What stands for `M`; nothing for `I`.
+    coarse: Option<&'a Coarse>,
     basis: Vec<Vec<DVec3>>,
     /// Columns of `H`, as they came.
     hessenberg: Vec<Vec<Lanes>>,
@@ -114,12 +134,22 @@ struct Space {
     length: Lanes,
 }
 
-impl Space {
-    fn new(problem: &Problem<'_>, r: &[DVec3]) -> Self {
+impl<'a> Space<'a> {
+    fn new(problem: &Problem<'_>, coarse: Option<&'a Coarse>, r: &[DVec3]) -> Self {
         let length = norms(problem, r);
         let basis = vec![divided(problem, r, &length)];
         let rhs = vec![length.clone()];
-        Self { basis, hessenberg: Vec::new(), triangle: Vec::new(), rotations: Vec::new(), rhs, length }
+        let (hessenberg, triangle, rotations) = (Vec::new(), Vec::new(), Vec::new());
+        Self { coarse, basis, hessenberg, triangle, rotations, rhs, length }
+    }
+
+    /// `M⁻¹` of a basis vector.
+    fn direction(&self, step: usize) -> Cow<'_, [DVec3]> {
+        let mut direction = Cow::from(&self.basis[step]);
+        if let Some(coarse) = self.coarse {
+            coarse.apply(direction.to_mut());
+        }
+        direction
     }
 
     /// Takes `w = A v` of the last basis vector: modified Gram-Schmidt, then one more rotation.
@@ -182,9 +212,15 @@ impl Space {
     }
 
     fn add_solution(&self, problem: &Problem<'_>, x: &mut [DVec3]) {
-        for (y, v) in self.coordinates().iter().zip(&self.basis) {
-            problem.blocks.add_scaled(x, y, v);
-        }
+        let add = |x: &mut [DVec3]| {
+            let coordinates = self.coordinates();
+            coordinates.iter().zip(&self.basis).for_each(|(y, v)| problem.blocks.add_scaled(x, y, v));
+        };
+        let Some(coarse) = self.coarse else { return add(x) };
+        let mut step = vec![DVec3::ZERO; x.len()];
+        add(&mut step);
+        coarse.apply(&mut step);
+        x.iter_mut().zip(&step).for_each(|(x, step)| *x += *step);
     }
 
     /// The norm of the residual of the solution.

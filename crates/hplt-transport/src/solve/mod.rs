@@ -2,6 +2,7 @@
 
 mod bicgstab;
 mod blocks;
+mod coarse;
 mod gain;
 mod gauss_seidel;
 mod gmres;
@@ -35,6 +36,8 @@ pub struct Unknowns<'a> {
 /// How to solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
+    /// GMRES; with the coarse level where light lives for 20 bounces or more, which is where that pays. Restarts after 20.
+    Auto,
     /// Jacobi: the Neumann series, one bounce a sweep.
     Bounces,
     /// Every row in turn with what the rows before it just found.
@@ -47,6 +50,13 @@ pub enum Method {
     /// GMRES (Saad & Schultz 1986); one product an iteration.
     Gmres {
         /// Iterations before it starts afresh; it keeps one vector for each.
+        restart: usize,
+    },
+    /// The same, preconditioned from the right by a coarse level of aggregates, about one for a room: light that is even in white rooms and
+    /// takes long to pass between them is solved at once. As [`Gmres`](Self::Gmres) where the operator shows no rows, or is
+    /// made of too many places.
+    CoarseGmres {
+        /// As for [`Gmres`](Self::Gmres).
         restart: usize,
     },
 }
@@ -63,9 +73,9 @@ pub struct SolveOptions {
 }
 
 impl Default for SolveOptions {
-    /// GMRES to 0.1 %.
+    /// By itself to 0.1 %.
     fn default() -> Self {
-        Self { method: Method::Gmres { restart: 20 }, tolerance: 1e-3, max_sweeps: 10_000 }
+        Self { method: Method::Auto, tolerance: 1e-3, max_sweeps: 10_000 }
     }
 }
 
@@ -78,7 +88,7 @@ impl SolveOptions {
         if self.max_sweeps == 0 {
             return fail("max_sweeps", 0.0, "1 or more");
         }
-        if self.method == (Method::Gmres { restart: 0 }) {
+        if matches!(self.method, Method::Gmres { restart: 0 } | Method::CoarseGmres { restart: 0 }) {
             return fail("restart", 0.0, "1 or more");
         }
         Ok(())

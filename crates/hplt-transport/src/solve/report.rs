@@ -20,7 +20,7 @@ pub enum SolveStop {
 /// How a solution was reached, and how good it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolveReport {
-    /// The method asked for.
+    /// The method asked for, or what [`Method::Auto`] took.
     pub method: Method,
     /// Sweeps after which Gauss-Seidel (or bounces, where the operator shows no rows) took over because the method stood
     /// still.

@@ -2,11 +2,14 @@ use hplt_geom::glam::DVec3;
 use hplt_geom::{Progress, Rgb};
 
 use super::blocks::{Blocks, Lanes, map2, ratio};
+use super::coarse::Coarse;
 use super::{
     ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, bicgstab, gauss_seidel, gmres, southwell,
 };
 use crate::{Error, LinearOperator};
 
+/// Steps of a cycle of GMRES.
+const RESTART: usize = 20;
 /// Half a unit in the last place of the `f32` that is returned.
 const ROUNDING: f64 = f32::EPSILON as f64 / 2.0;
 
@@ -183,10 +186,15 @@ pub(crate) fn run(
     let mut run = Run::new(options.max_sweeps, progress);
     let mut has_start = start.is_some();
     let mut x = start.unwrap_or_else(|| problem.d.to_vec());
+    let asked = match (options.method, problem.gain.coarse()) {
+        (Method::Auto, Some(_)) => Method::CoarseGmres { restart: RESTART },
+        (Method::Auto, None) => Method::Gmres { restart: RESTART },
+        (asked, _) => asked,
+    };
     if problem.is_dark() {
-        return (vec![Rgb::ZERO; x.len()], empty_report(problem, options.method, SolveStop::NoLight));
+        return (vec![Rgb::ZERO; x.len()], empty_report(problem, asked, SolveStop::NoLight));
     }
-    let (mut method, mut fell_back_after) = (options.method, None);
+    let (mut method, mut fell_back_after) = (asked, None);
     let mut checked: Option<Checked> = None;
     let (best, stop) = loop {
         let halt = match progress.check() {
@@ -215,7 +223,7 @@ pub(crate) fn run(
         }
         checked = Some(best);
     };
-    finish(problem, options.method, fell_back_after, stop, best, run)
+    finish(problem, asked, fell_back_after, stop, best, run)
 }
 
 fn stop_of(problem: &Problem<'_>, best: &Checked, halt: Option<Halt>, run: &Run<'_>) -> Option<SolveStop> {
@@ -237,9 +245,16 @@ fn advance(method: Method, problem: &Problem<'_>, x: &mut [DVec3], run: &mut Run
         (Method::GaussSeidel, Some(rows)) => gauss_seidel::advance(problem, rows, x, run),
         (Method::Southwell, Some(rows)) => southwell::advance(problem, rows, x, run),
         (Method::BiCgStab, _) => bicgstab::advance(problem, x, run),
-        (Method::Gmres { restart }, _) => gmres::advance(problem, restart, x, run),
+        (Method::Gmres { restart }, _) => gmres::advance(problem, restart, None, x, run),
+        (Method::CoarseGmres { restart }, rows) => {
+            let made = match (problem.gain.coarse(), rows) {
+                (None, Some(rows)) => Coarse::build(rows, problem.gain.is_read()),
+                _ => None,
+            };
+            gmres::advance(problem, restart, problem.gain.coarse().or(made.as_ref()), x, run)
+        }
         // The check after every advance is one bounce.
-        (Method::Bounces | Method::GaussSeidel | Method::Southwell, _) => Ok(()),
+        (Method::Auto | Method::Bounces | Method::GaussSeidel | Method::Southwell, _) => Ok(()),
     }
 }
 

@@ -1,3 +1,5 @@
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use hplt_geom::glam::DVec3;
 use hplt_geom::parallel;
 
@@ -25,18 +27,13 @@ impl SparseRows {
     ///
     /// # Panics
     /// When a row has more than 2³² - 1 entries.
-    pub fn to_parts(&self) -> SparseParts {
+    pub fn into_parts(self) -> SparseParts {
         let length = |ends: &[u64]| u32::try_from(ends[1] - ends[0]).expect("at most 2^32 - 1 entries a row");
-        let word = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
-        let mut entries = Vec::with_capacity(2 * self.entries.len());
-        for &Entry([step, r, g, b]) in &self.entries {
-            entries.extend([word(step, r), word(g, b)]);
-        }
         SparseParts {
             n_columns: self.n_columns,
             lengths: self.starts.windows(2).map(length).collect(),
-            entries,
             sums: self.row_sums.iter().flat_map(|s| s.to_array()).collect(),
+            entries: self.words,
         }
     }
 
@@ -44,7 +41,7 @@ impl SparseRows {
     ///
     /// # Errors
     /// [`Error::Links`] when lengths do not agree, a column does not exist or comes twice, or a sum is not one of albedos.
-    pub fn from_parts(parts: &SparseParts) -> Result<Self, Error> {
+    pub fn from_parts(parts: SparseParts) -> Result<Self, Error> {
         let n_rows = parts.lengths.len();
         let mut starts = Vec::with_capacity(n_rows + 1);
         starts.push(0u64);
@@ -58,45 +55,51 @@ impl SparseRows {
         if parts.sums.len() != 3 * n_rows {
             return fail(n_rows, "their sums are not one per row and channel");
         }
-        let mut rows = Self::new(0);
-        rows.n_columns = parts.n_columns;
-        rows.starts = starts;
-        rows.entries = parts.entries.chunks_exact(2).map(entry).collect();
-        rows.row_sums = parts.sums.chunks_exact(3).map(DVec3::from_slice).collect();
-        rows.scales = parallel::try_map(n_rows, || (), |(), row| rows.checked_scale(row))?;
+        let mut rows = Self {
+            n_columns: parts.n_columns,
+            starts,
+            words: parts.entries,
+            scales: Vec::new(),
+            row_sums: parts.sums.chunks_exact(3).map(DVec3::from_slice).collect(),
+            is_read: Vec::new(),
+        };
+        let is_read: Vec<AtomicBool> = (0..rows.n_columns).map(|_| AtomicBool::new(false)).collect();
+        rows.scales = parallel::try_map(n_rows, || (), |(), row| rows.checked_scale(row, &is_read))?;
+        rows.is_read = is_read.into_iter().map(AtomicBool::into_inner).collect();
         Ok(rows)
     }
 
-    /// The scale of a row that has none yet.
-    fn checked_scale(&self, row: usize) -> Result<DVec3, Error> {
+    /// The scale of a row that has none yet; marks the columns in which it has weight.
+    fn checked_scale(&self, row: usize, is_read: &[AtomicBool]) -> Result<DVec3, Error> {
         let fail = |problem| Err(Error::Links { row, problem });
         let sum = self.row_sums[row];
         if !(sum.is_finite() && sum.min_element() >= 0.0 && sum.max_element() <= MAX_ROW_SUM) {
             return fail("a row sum is not in [0, 1]");
         }
-        let (mut stored, mut column) = (DVec3::ZERO, 0u64);
-        for (k, entry) in self.entries[self.starts[row] as usize..self.starts[row + 1] as usize].iter().enumerate() {
-            if k > 0 && entry.step() == 0 {
+        let (mut stored, mut column) = ([0u64; 3], 0);
+        for (k, &entry) in self.entries(row).iter().enumerate() {
+            let entry = Entry(entry);
+            let [step, weight @ ..] = entry.halves();
+            if k > 0 && step == 0 {
                 return fail("a function comes twice");
             }
-            column += u64::from(entry.step());
-            if column >= u64::from(self.n_columns) {
+            column += usize::from(step);
+            let Some(is_read) = is_read.get(column) else {
                 return fail("there is no such function");
+            };
+            // Written once: what all threads write is in no cache for long.
+            if entry.has_weight() && !is_read.load(Ordering::Relaxed) {
+                is_read.store(true, Ordering::Relaxed);
             }
-            stored += entry.weight();
+            (0..3).for_each(|c| stored[c] += u64::from(weight[c]));
         }
+        let stored = DVec3::from(stored.map(|sum| sum as f64));
         let is_empty = stored.cmple(DVec3::ZERO);
         if (is_empty & sum.cmpgt(DVec3::ZERO)).any() {
             return fail("a row sum is of no entry");
         }
         Ok(DVec3::select(is_empty, DVec3::ZERO, sum / stored))
     }
-}
-
-fn entry(words: &[u32]) -> Entry {
-    let halves = |word: u32| [word as u16, (word >> 16) as u16];
-    let ([step, r], [g, b]) = (halves(words[0]), halves(words[1]));
-    Entry::new(step, [r, g, b])
 }
 
 #[cfg(test)]
@@ -116,15 +119,15 @@ mod tests {
     #[test]
     fn a_matrix_returns_to_the_bit() {
         let g = example();
-        assert_eq!(SparseRows::from_parts(&g.to_parts()).unwrap(), g);
+        assert_eq!(SparseRows::from_parts(g.clone().into_parts()).unwrap(), g);
     }
 
     #[test]
     fn parts_that_are_no_links_are_refused() {
         let refused = |change: &dyn Fn(&mut SparseParts)| {
-            let mut parts = example().to_parts();
+            let mut parts = example().into_parts();
             change(&mut parts);
-            match SparseRows::from_parts(&parts) {
+            match SparseRows::from_parts(parts) {
                 Err(Error::Links { row, .. }) => row,
                 other => panic!("{other:?}"),
             }
