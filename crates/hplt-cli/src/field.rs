@@ -9,7 +9,7 @@ use hplt_geom::{Interrupted, OrientedPoint, Progress, RayCaster, Rgb, parallel};
 use hplt_splat::{GBuffer, flatten_absolute, flatten_delta, splat_absolute, splat_delta, splat_flattened};
 use hplt_transport::{
     ErrorEstimate, ErrorProbe, FieldView, FinalGather, FinalGatherOptions, Gradients, LayeredInSight,
-    LayeredNearestInSight, Model, Reading, Sender, TransportOptions, TransportReport, estimate_error,
+    LayeredNearestInSight, Model, OpenAir, Reading, Sender, TransportOptions, TransportReport, estimate_error,
     final_gather_more, read_in_sight, transport_absolute, transport_delta,
 };
 
@@ -24,6 +24,17 @@ pub enum Field {
     Absolute(Encoded<Absolute>),
 }
 
+/// How a field is read. What has no gradients and casts no rays anyway, because its finest level is everywhere, is read as published.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// By gathers.
+    pub reconstruction: ReconstructionName,
+    /// To first order, where it is looked at or measured.
+    pub has_gradients: bool,
+    /// On those functions alone that a ray finds in sight.
+    pub has_sight_rays: bool,
+}
+
 /// A field in one encoding.
 pub struct Encoded<E> {
     /// Direct irradiance, W/m².
@@ -35,6 +46,7 @@ pub struct Encoded<E> {
     /// How displays and sensors read it.
     display: Reader<E>,
     variant: Variant,
+    options: ReadOptions,
     /// Standard errors of the indirect irradiance by the rays of each function, where they are known.
     noise: Option<Coefficients<Absolute>>,
     /// Of the indirect irradiance, once it is read to first order.
@@ -57,26 +69,26 @@ where
             ReconstructionName::Shepard => exact,
             ReconstructionName::Nearest => |_: &dyn RayCaster, _: Option<&Gradients>| Box::new(ApproximateNearest) as _,
         };
-        Self { direct, indirect, sender, display: exact, variant, noise: None, gradients: OnceLock::new() }
+        let options = ReadOptions { reconstruction, has_gradients: false, has_sight_rays: false };
+        Self { direct, indirect, sender, display: exact, variant, options, noise: None, gradients: OnceLock::new() }
     }
 }
 
 impl Encoded<Absolute> {
     /// A field whose finer levels are only where they are needed.
-    fn layered([direct, indirect]: [Coefficients<Absolute>; 2], reconstruction: ReconstructionName) -> Self {
+    fn layered([direct, indirect]: [Coefficients<Absolute>; 2], options: ReadOptions) -> Self {
         let exact: Reader<Absolute> = |caster, gradients| Box::new(LayeredInSight { caster, gradients });
-        let sender: Reader<Absolute> = match reconstruction {
+        let sender: Reader<Absolute> = match options.reconstruction {
             ReconstructionName::Shepard => exact,
             ReconstructionName::Nearest => |caster, _| Box::new(LayeredNearestInSight { caster }),
         };
         let gradients = OnceLock::new();
-        Self { direct, indirect, sender, display: exact, variant: Variant::Links, noise: None, gradients }
+        Self { direct, indirect, sender, display: exact, variant: Variant::Links, options, noise: None, gradients }
     }
 
-    /// `None` for fields whose finest level is everywhere: those are read as published.
     fn gradients(&self, model: &Model<'_>) -> Option<&Gradients> {
         let fit = || Gradients::fit(model, &self.indirect);
-        (self.variant == Variant::Links).then(|| self.gradients.get_or_init(fit))
+        self.options.has_gradients.then(|| self.gradients.get_or_init(fit))
     }
 }
 
@@ -124,17 +136,14 @@ impl Field {
     pub fn linked(
         direct: Coefficients<Absolute>,
         (indirect, noise): (Coefficients<Absolute>, Coefficients<Absolute>),
-        reconstruction: ReconstructionName,
+        options: ReadOptions,
     ) -> Self {
-        Self::Absolute(Encoded { noise: Some(noise), ..Encoded::layered([direct, indirect], reconstruction) })
+        Self::Absolute(Encoded { noise: Some(noise), ..Encoded::layered([direct, indirect], options) })
     }
 
     /// A field from its coefficients, direct and indirect, by level.
-    pub fn from_levels(
-        [direct, indirect]: [Vec<Vec<Rgb>>; 2],
-        variant: Variant,
-        reconstruction: ReconstructionName,
-    ) -> Self {
+    pub fn from_levels([direct, indirect]: [Vec<Vec<Rgb>>; 2], variant: Variant, options: ReadOptions) -> Self {
+        let reconstruction = options.reconstruction;
         match variant {
             Variant::Delta => {
                 let fields = [direct, indirect].map(Coefficients::from_levels);
@@ -145,7 +154,7 @@ impl Field {
                 Self::Absolute(Encoded::uniform(fields, reconstruction, variant))
             }
             Variant::Links => {
-                Self::Absolute(Encoded::layered([direct, indirect].map(Coefficients::from_levels), reconstruction))
+                Self::Absolute(Encoded::layered([direct, indirect].map(Coefficients::from_levels), options))
             }
         }
     }
@@ -196,7 +205,7 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<(), Interrupted> {
         either!(self, f => {
-            let reconstruction = &*(f.sender)(model.caster, None);
+            let reconstruction = &*(f.sender)(f.sight(model), None);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
             final_gather_more(model, &sender, points, found, options, progress)
         })
@@ -214,7 +223,7 @@ impl Field {
         progress: &dyn Progress,
     ) -> Result<ErrorEstimate, Interrupted> {
         either!(self, f => {
-            let reconstruction = &*(f.sender)(model.caster, None);
+            let reconstruction = &*(f.sender)(f.sight(model), None);
             let sender = Sender { coefficients: &f.indirect, reconstruction, n_levels: sender_levels };
             estimate_error(model, &sender, probe, progress)
         })
@@ -276,6 +285,11 @@ enum Part {
 }
 
 impl<E> Encoded<E> {
+    /// What tells which functions are in sight where the field is read.
+    fn sight<'m>(&self, model: &Model<'m>) -> &'m dyn RayCaster {
+        if self.options.has_sight_rays { model.caster } else { &OpenAir }
+    }
+
     fn part(&self, part: Part) -> &Coefficients<E> {
         match part {
             Part::Direct => &self.direct,
@@ -299,6 +313,7 @@ impl Read for Encoded<Absolute> {
         if self.variant != Variant::Links {
             return interpolate(model, self.part(part), self.display, points);
         }
+        let model = &Model { caster: self.sight(model), ..*model };
         let (gradients, noise) = match part {
             Part::Direct => (None, None),
             Part::Indirect => (self.gradients(model), self.noise.as_ref()),

@@ -185,8 +185,7 @@ impl<'r> Run<'r> {
         self.enter_hierarchy(&hierarchy.report);
         self.look_for_sky(scene, &bvh)?;
         let regions = hierarchy.regions;
-        let seed = settings.transport.seed;
-        let options = DirectOptions { seed, ..DirectOptions::projection() };
+        let options = settings.direct(DirectOptions::projection());
         let lights = self.stage("lights", |_| DirectLight::new(scene, options));
         if settings.variant == Variant::Links {
             let parts = LinkParts { scene, bvh, regions, lights, coarsest: hierarchy.points };
@@ -240,7 +239,7 @@ impl<'r> Run<'r> {
         let Linked { basis, direct, indirect, noise, .. } = linked;
         self.report.enter_memory("points, trees, parents", basis.memory());
         self.report.enter_memory("regions", regions.memory());
-        let field = Field::linked(direct, (indirect, noise), settings.reconstruction);
+        let field = Field::linked(direct, (indirect, noise), settings.reading());
         self.report.enter_memory("coefficients", field.memory());
         let is_cut_short = self.report.stop == "time-limit" || self.report.stop == "interrupted";
         let lit = Lit { scene, bvh, regions, lights, basis, field, kept, is_cut_short };
@@ -260,7 +259,7 @@ impl<'r> Run<'r> {
         let reporter = self.reporter;
         let measured = self.stage("error estimate", |_| {
             let points = random_surface_points(lit.scene, &lit.bvh, &lit.regions, ERROR_POINTS, seed);
-            let lights = lit.lights.with_options(DirectOptions { seed, ..DirectOptions::measurement() });
+            let lights = lit.lights.with_options(settings.direct(DirectOptions::measurement()));
             let direct = direct_irradiance(&lights, &lit.bvh, &points, Stage::Error, reporter)?;
             let gathered = (&Gathered::Doubtful(&|_| false), DOUBTFUL_RAYS);
             let found = indirect_light((lit, settings), &points, &direct, gathered, reporter)?;

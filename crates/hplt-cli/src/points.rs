@@ -131,9 +131,8 @@ fn light_at(
         let indirect = lit.field.indirect_at(&lit.model(), points);
         return Ok(direct.into_iter().zip(indirect).map(|(d, i)| [d, i.irradiance]).collect());
     }
-    let transport = &run.settings.transport;
     let progress: &dyn Progress = run.reporter;
-    let fine = DirectOptions { seed: transport.seed, ..DirectOptions::measurement() };
+    let fine = run.settings.direct(DirectOptions::measurement());
     let is_rough = final_gather.is_none() && lit.lights.n_emitters() <= FEW_EMITTERS;
     let lights = lit.lights.with_options(match is_rough {
         true => DirectOptions { light_samples: ROUGH_SHADOW_RAYS, enough: ENOUGH_SHADOW_RAYS, ..fine },

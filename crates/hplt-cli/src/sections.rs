@@ -80,6 +80,10 @@ pub struct SolveSection {
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// Switch a part of links off, to see what it is worth; may be repeated
+    #[arg(long, value_name = "PART", help_heading = "Ablations")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub without: Option<Vec<Ablation>>,
 }
 
 /// How pictures are made. Config table `[render]`.
@@ -184,6 +188,18 @@ pub enum ReconstructionName {
     Shepard,
     /// The approximately nearest function
     Nearest,
+}
+
+/// Parts of links that can be switched off.
+#[derive(ValueEnum, Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ablation {
+    /// First-order reconstruction: functions are constant where the field is read
+    Gradients,
+    /// Rays that tell which functions are in sight of where the field is read: what they know of their surroundings decides
+    Sight,
+    /// Closed forms of direct light, and blockers cut out of lamps: all of it is sampled
+    ExactLight,
 }
 
 /// How links are solved.
@@ -292,7 +308,7 @@ macro_rules! layered {
 
 layered!(SceneSection: clamp_materials, drop_bad, one_sided, allow_empty, length_scale, light_unit, max_albedo);
 layered!(SolveSection: preset, variant, reconstruction, solver, levels, radius, rays, sender_levels, threshold,
-    relative_threshold, noise_factor, bounces, tolerance, seed);
+    relative_threshold, noise_factor, bounces, tolerance, seed, without);
 layered!(RenderSection: camera, eye, target, up, fov, size, samples, every_pixel, display, gather_rays, doubtful_rays, exposure,
     tone_map);
 layered!(RunSection: threads, max_memory, max_time, progress, strict);

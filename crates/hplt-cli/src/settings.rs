@@ -2,14 +2,15 @@
 
 use hplt_geom::BuildPolicy;
 use hplt_io::{LightUnit, LoadOptions};
-use hplt_transport::{LinkOptions, LinkPrecision, Method, SolveOptions, Threshold, TransportOptions};
+use hplt_transport::{DirectOptions, LinkOptions, LinkPrecision, Method, SolveOptions, Threshold, TransportOptions};
 
 use crate::args::Common;
 use crate::config::{Config, with_origins};
 use crate::exit::Failure;
+use crate::field::ReadOptions;
 use crate::sections::{
-    Display, LightUnitName, Preset, ProgressMode, ReconstructionName, RenderSection, RunSection, SceneSection,
-    SolveSection, SolverName, ToneMapName, Variant,
+    Ablation, Display, LightUnitName, Preset, ProgressMode, ReconstructionName, RenderSection, RunSection,
+    SceneSection, SolveSection, SolverName, ToneMapName, Variant,
 };
 use crate::values::{Radius, Tolerance};
 
@@ -39,6 +40,8 @@ pub struct Settings {
     pub radius: Radius,
     /// How bounces are computed.
     pub transport: TransportOptions,
+    /// Parts of links that are switched off.
+    pub without: Vec<Ablation>,
     /// Whether a stop tolerance was set, so that missing it is a failure.
     pub must_converge: bool,
     /// How light gets to pixels.
@@ -110,6 +113,7 @@ impl Settings {
             levels: solve.levels.unwrap_or(levels),
             radius: solve.radius.unwrap_or(radius),
             transport,
+            without: solve.without.clone().unwrap_or_default(),
             must_converge: tolerance.is_some(),
             display: config.render.display.unwrap_or(Display::Evaluate),
             gather_rays: config.render.gather_rays.unwrap_or(64),
@@ -124,6 +128,24 @@ impl Settings {
 }
 
 impl Settings {
+    fn has(&self, part: Ablation) -> bool {
+        !self.without.contains(&part)
+    }
+
+    /// How a field of links is read.
+    pub fn reading(&self) -> ReadOptions {
+        ReadOptions {
+            reconstruction: self.reconstruction,
+            has_gradients: self.has(Ablation::Gradients),
+            has_sight_rays: self.has(Ablation::Sight),
+        }
+    }
+
+    /// How direct light is sampled where `base` would do.
+    pub fn direct(&self, base: DirectOptions) -> DirectOptions {
+        DirectOptions { seed: self.transport.seed, is_exact: self.has(Ablation::ExactLight), ..base }
+    }
+
     /// How links are made.
     pub fn links(&self) -> LinkOptions {
         let solve =
@@ -137,6 +159,7 @@ impl Settings {
                 ReconstructionName::Nearest => LinkPrecision::Nearest,
                 ReconstructionName::Shepard => LinkPrecision::Shepard,
             },
+            has_sight_rays: self.has(Ablation::Sight),
             solve,
             ..LinkOptions::production()
         }
@@ -189,6 +212,7 @@ fn defaults(preset: Preset, variant: Option<Variant>) -> Config {
             bounces: Some(transport.max_bounces),
             tolerance: Some(Tolerance(tolerance)),
             seed: Some(transport.seed),
+            without: None,
         },
         render: RenderSection {
             samples: Some(4),
@@ -254,8 +278,12 @@ fn check_solve(solve: &SolveSection) -> Result<(), Failure> {
     within("--sender-levels", solve.sender_levels, 1, MAX_LEVELS)?;
     within("--bounces", solve.bounces, 1, 1_000_000)?;
     let is_slides = solve.variant.is_none() && solve.preset == Some(Preset::Slides);
-    if solve.solver.is_some() && (is_slides || solve.variant.is_some_and(|v| v != Variant::Links)) {
+    let is_other = is_slides || solve.variant.is_some_and(|v| v != Variant::Links);
+    if is_other && solve.solver.is_some() {
         return Err(Failure::usage("--solver solves links: it needs --variant links"));
+    }
+    if is_other && solve.without.is_some() {
+        return Err(Failure::usage("--without switches parts of links off: it needs --variant links"));
     }
     for (flag, value) in [
         ("--threshold", solve.threshold),
@@ -366,10 +394,31 @@ mod tests {
     }
 
     #[test]
+    fn parts_are_switched_off_one_by_one() {
+        let parts = |flags: &[&str]| {
+            let settings = resolve(flags).unwrap();
+            let ReadOptions { has_gradients, has_sight_rays, .. } = settings.reading();
+            assert_eq!(settings.links().has_sight_rays, has_sight_rays);
+            [has_gradients, has_sight_rays, settings.direct(DirectOptions::display()).is_exact]
+        };
+        assert_eq!(parts(&[]), [true; 3]);
+        assert_eq!(parts(&["--without", "gradients"]), [false, true, true]);
+        assert_eq!(parts(&["--without", "sight", "--without", "exact-light"]), [true, false, false]);
+        for other in [["--variant", "delta"], ["--preset", "slides"]] {
+            let failure = resolve(&[&other[..], &["--without", "sight"]].concat()).unwrap_err();
+            assert!(failure.message.contains("--without"), "{failure}");
+        }
+    }
+
+    #[test]
     fn the_printed_config_gives_the_same_settings() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("job.toml");
-        for flags in [&["--preset", "slides", "--sun", "0,1,0:1,1,1"][..], &["--eye", "0,0,1", "--target", "0,0,0"]] {
+        for flags in [
+            &["--preset", "slides", "--sun", "0,1,0:1,1,1"][..],
+            &["--eye", "0,0,1", "--target", "0,0,0"],
+            &["--without", "sight", "--without", "gradients"],
+        ] {
             let settings = resolve(flags).unwrap();
             std::fs::write(&path, &settings.with_origins).unwrap();
             let again = resolve(&["--config", path.to_str().unwrap()]).unwrap();

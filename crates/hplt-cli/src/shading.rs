@@ -150,10 +150,9 @@ impl Reader<'_, '_, '_> {
             if lit.is_cut_short {
                 return Ok(lit.field.direct_at(&lit.model(), queries));
             }
-            let base = DirectOptions::display();
+            let base = run.settings.direct(DirectOptions::display());
             let sharing = sharing.next_power_of_two();
             let options = DirectOptions {
-                seed: run.settings.transport.seed,
                 light_samples: (base.light_samples / sharing).max(4),
                 sky_samples: (base.sky_samples / sharing).max(16),
                 ..base

@@ -11,7 +11,7 @@ use hplt_transport::{DirectLight, DirectOptions};
 use serde_json::json;
 
 use crate::exit::{Exit, Failure};
-use crate::field::Field;
+use crate::field::{Field, ReadOptions};
 use crate::job::{Lit, Run};
 use crate::kept;
 use crate::report::LevelRow;
@@ -84,7 +84,8 @@ pub fn light<'s>(run: &mut Run<'_>, scene: &'s mut Scene, path: &Path) -> Result
     let scene: &'s Scene = scene;
     let lights = run.stage("lights", |_| DirectLight::new(scene, DirectOptions::projection()));
     let basis = run.stage("basis", |_| ShepardBasis::build(points, BasisOptions::default()));
-    let field = Field::from_levels([direct, indirect], variant, reconstruction);
+    let reading = ReadOptions { reconstruction, ..run.settings.reading() };
+    let field = Field::from_levels([direct, indirect], variant, reading);
     enter(run, &file, &basis, scene.frame().scale());
     run.report.enter_memory("points, trees, parents", basis.memory());
     run.report.enter_memory("coefficients", field.memory());

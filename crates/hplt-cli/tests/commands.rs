@@ -327,3 +327,30 @@ fn without_a_command_the_cornell_box_is_meant() {
         assert!(folder.run(&[command, "--help"]).ok().stdout.contains("Example"), "{command}");
     }
 }
+
+/// Every part that is switched off changes what it is about and nothing else, by little: the light is the same.
+#[test]
+fn parts_that_are_switched_off_change_the_light_by_little() {
+    let folder = Folder::new();
+    folder.run(&["sample-points", "gen:cornell", "-n", "300", "-o", "at.csv"]).ok();
+    let light = |flags: &[&str]| {
+        let args = ["points", "gen:cornell", "--at", "at.csv", "--doubtful-rays", "0", "--levels", "2", "--rays", "64"];
+        table(&folder.run(&[&args, flags].concat()).ok().stdout).1
+    };
+    let changes = |rows: &[Vec<f64>], full: &[Vec<f64>], column: usize| {
+        let sum = |rows: &[Vec<f64>]| rows.iter().map(|row| row[column]).sum::<f64>();
+        let n = rows.iter().zip(full).filter(|(row, full)| row[column] != full[column]).count();
+        (n, sum(rows) / sum(full) - 1.0)
+    };
+    let full = light(&[]);
+    for (part, is_direct, is_indirect) in
+        [("gradients", false, true), ("sight", false, true), ("exact-light", true, false)]
+    {
+        let rows = light(&["--without", part]);
+        let [direct, indirect] = [6, 9].map(|column| changes(&rows, &full, column));
+        println!("{part}: {direct:?} {indirect:?}");
+        assert_eq!([direct.0 > 10, indirect.0 > 10], [is_direct, is_indirect], "{part}: {direct:?} {indirect:?}");
+        assert!(direct.1.abs() < 0.02 && indirect.1.abs() < 0.05, "{part}: {direct:?} {indirect:?}");
+    }
+    folder.tiny(&["points", "gen:cornell", "--at", "at.csv", "--without", "everything"]).fails(2, "USAGE");
+}

@@ -51,12 +51,22 @@ pub struct DirectOptions {
     pub sky_samples: u32,
     /// Which estimator.
     pub estimator: DirectEstimator,
+    /// Where there are few emitters: form factors in closed form, and what is in the way cut out of them, as far as that goes. Without it all
+    /// of their light is sampled.
+    pub is_exact: bool,
 }
 
 impl DirectOptions {
     /// For senders: many points, each coarse.
     pub fn projection() -> Self {
-        Self { seed: 0, light_samples: 16, enough: u32::MAX, sky_samples: 64, estimator: DirectEstimator::Auto }
+        Self {
+            seed: 0,
+            light_samples: 16,
+            enough: u32::MAX,
+            sky_samples: 64,
+            estimator: DirectEstimator::Auto,
+            is_exact: true,
+        }
     }
 
     /// For the points of a random walk: one ray per emitter.
@@ -205,7 +215,7 @@ impl<'s> DirectLight<'s> {
 ///
 /// Few emitters: for each of uniform exitance the exact unoccluded irradiance (Lambert's polygon formula) times the visible
 /// fraction. That is exact where `caster` knows what may be in the way ([`RayCaster::visit_blockers`]) and it is not much; else a ratio
-/// estimator that is free of noise where nothing is in the way. Many: chosen by about what each brings. The sky: constant
+/// estimator that is free of noise where nothing is in the way ([`DirectOptions::is_exact`] switches both off). Many: chosen by about what each brings. The sky: constant
 /// by cosine-distributed rays; a map by the balance heuristic between those and its radiance.
 ///
 /// # Errors
@@ -360,6 +370,10 @@ impl PointSampler<'_> {
         if !emitter.can_light(position, normal) {
             return DVec3::ZERO;
         }
+        if !self.light.options.is_exact {
+            let (visible, _) = self.cast_at(caster, (emitter, index), false, shadows);
+            return visible / f64::from(self.light.options.light_samples);
+        }
         let exact = |exitance: Rgb, fraction: f64| {
             exitance.as_dvec3() * (f64::from(emitter.form_factor(position, normal)) * fraction)
         };
@@ -379,17 +393,28 @@ impl PointSampler<'_> {
             }
             _ => {}
         }
-        let scramble = self.seeds.of(0, index);
-        let seen = emitter.seen_from(position, normal);
-        let (visible, all) = self.cast(caster, emitter.uniform_exitance.is_some(), shadows, |shadows, k| {
-            let aim = seen.aim(self.light.scene, sobol::sobol_2d(k, scramble, 0));
-            shadows.push(self.segment_to(emitter, aim.target), aim.brings);
-        });
+        let (visible, all) = self.cast_at(caster, (emitter, index), emitter.uniform_exitance.is_some(), shadows);
         match emitter.uniform_exitance {
             None => visible / f64::from(self.light.options.light_samples),
             // Exact form factor × visible fraction, the fraction weighted as the light arrives.
             Some(exitance) => exact(exitance, share(visible, all)),
         }
+    }
+
+    /// [`cast`](Self::cast) to samples of a whole emitter.
+    fn cast_at(
+        &self,
+        caster: &dyn RayCaster,
+        (emitter, index): (&Emitter, u32),
+        only_share_counts: bool,
+        shadows: &mut Shadows,
+    ) -> (DVec3, DVec3) {
+        let scramble = self.seeds.of(0, index);
+        let seen = emitter.seen_from(self.point.position, self.point.normal);
+        self.cast(caster, only_share_counts, shadows, |shadows, k| {
+            let aim = seen.aim(self.light.scene, sobol::sobol_2d(k, scramble, 0));
+            shadows.push(self.segment_to(emitter, aim.target), aim.brings);
+        })
     }
 
     /// The visible share of what [`Visible::look`] left of an emitter, by rays.

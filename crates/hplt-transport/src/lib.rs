@@ -62,7 +62,7 @@ pub use options::{Model, TransportOptions};
 pub use oracle::{Detail, Oracle, Threshold};
 pub use relight::{GroupLight, Relighting, Relit, SolvedGroup, weighted_sum};
 pub use report::{BounceReport, Solution, StopReason, TransportReport};
-pub use sight::{FieldView, LayeredInSight, LayeredNearestInSight, Reading, read_in_sight};
+pub use sight::{FieldView, LayeredInSight, LayeredNearestInSight, OpenAir, Reading, read_in_sight};
 pub use sky_view::{SkyView, sky_view};
 pub use solve::{
     ComponentReport, Gain, Method, SolveOptions, SolveReport, SolveStop, System, Unknowns, solve, solve_from,

@@ -8,7 +8,7 @@ use hplt_sampling::refined_level;
 
 use crate::gather::{Counter, Groups};
 use crate::paths::{Arrival, PathBuffers, PathSink, PathTracer};
-use crate::sight::nearest_in_sight;
+use crate::sight::{OpenAir, nearest_in_sight};
 use crate::solve::{SolveOptions, SolveReport, System, solve};
 use crate::{
     Detail, DirectLight, Error, GroupLight, Oracle, SparseRows, Threshold, direct_irradiance,
@@ -41,6 +41,8 @@ pub struct LinkOptions {
     pub threshold: Threshold,
     /// Precision of the links.
     pub precision: LinkPrecision,
+    /// Whether a short ray decides if the function that a link would read is in sight. Without it the function's own extent does.
+    pub has_sight_rays: bool,
     /// No level is added beyond this many functions; 2²⁵ at most.
     pub max_functions: usize,
     /// How the system is solved.
@@ -68,6 +70,7 @@ impl LinkOptions {
             n_levels: 4,
             threshold: Threshold { absolute: 0.0, relative: 0.05, noise: 2.0 },
             precision: LinkPrecision::Nearest,
+            has_sight_rays: true,
             max_functions: 4_000_000,
             solve: SolveOptions::default(),
             by_group: false,
@@ -538,7 +541,8 @@ impl PathSink for RowSink<'_> {
     fn read<'a>(&mut self, arrivals: &'a [Arrival], points: &[OrientedPoint], mut go_on: impl FnMut(&'a Arrival)) {
         let Linker { basis, options, state, .. } = self.linker;
         let n_levels = basis.n_levels();
-        let found = nearest_in_sight(basis, self.linker.caster, n_levels, points);
+        let sight: &dyn RayCaster = if options.has_sight_rays { self.linker.caster } else { &OpenAir };
+        let found = nearest_in_sight(basis, sight, n_levels, points);
         for (arrival, good) in arrivals.iter().zip(found) {
             if good.is_none() && !arrival.is_last {
                 go_on(arrival);

@@ -7,7 +7,7 @@ use hplt_basis::{
     Absolute, Coefficients, Coverage, LayeredNearest, LayeredScratch, Reconstruction, ShepardBasis, Weight,
 };
 use hplt_geom::radiometry::luminance;
-use hplt_geom::{OrientedPoint, RayCaster, RegionId, Rgb, parallel};
+use hplt_geom::{Hit, OrientedPoint, Ray, RayCaster, RegionId, Rgb, parallel};
 use hplt_sampling::{is_in_sight, sight_line};
 
 use crate::{Gradients, Model};
@@ -29,7 +29,7 @@ const LEAST_SHARE: f32 = 0.5;
 /// [`Layered`](hplt_basis::Layered) on the functions that a ray finds in sight of the query.
 #[derive(Clone, Copy)]
 pub struct LayeredInSight<'a> {
-    /// Casts the rays.
+    /// Casts the rays; [`OpenAir`] for none.
     pub caster: &'a dyn RayCaster,
     /// Those of the field that is read, for a first-order reconstruction.
     pub gradients: Option<&'a Gradients>,
@@ -38,8 +38,25 @@ pub struct LayeredInSight<'a> {
 /// [`LayeredNearest`](hplt_basis::LayeredNearest) where a ray finds the function in sight of the query.
 #[derive(Clone, Copy)]
 pub struct LayeredNearestInSight<'a> {
-    /// Casts the ray.
+    /// Casts the ray; [`OpenAir`] for none.
     pub caster: &'a dyn RayCaster,
+}
+
+/// A caster whose rays meet nothing. In the place of the scene's own, where a field is read or [`Gradients`] are fitted, it switches sight
+/// rays off: every function has a say whose [`Extent`](hplt_geom::Extent) reaches that far.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct OpenAir;
+
+impl RayCaster for OpenAir {
+    fn trace_nearest(&self, rays: &[Ray], hits: &mut [Hit]) {
+        assert_eq!(rays.len(), hits.len());
+        hits.fill(Hit::MISS);
+    }
+
+    fn trace_occluded(&self, rays: &[Ray], occluded: &mut [bool]) {
+        assert_eq!(rays.len(), occluded.len());
+        occluded.fill(false);
+    }
 }
 
 /// A value of the field, and how far it can be trusted.
@@ -131,7 +148,8 @@ impl Reconstruction<Absolute> for LayeredNearestInSight<'_> {
 }
 
 /// Reads the layered field of these coefficients at all `queries`, in order, to first order with its gradients. What is read at one does
-/// not depend on the others; it is read faster where neighbours follow each other. Runs in parallel.
+/// not depend on the others; it is read faster where neighbours follow each other. The caster of `model` decides what is in sight;
+/// [`OpenAir`] there for all. Runs in parallel.
 pub fn read_in_sight(model: &Model<'_>, field: FieldView<'_>, queries: &[OrientedPoint]) -> Vec<Reading> {
     let (Model { basis, caster, .. }, n_levels) = (*model, model.basis.n_levels());
     let readings = parallel::map(queries.len().div_ceil(CHUNK), LayeredScratch::default, |scratch, chunk| {

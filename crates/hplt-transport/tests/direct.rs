@@ -69,6 +69,30 @@ fn many_emitters_the_hemisphere_and_one_emitter_agree() {
     assert!((e.x / UNIT_SQUARE - 1.0).abs() < 5e-3, "hemisphere: {e}");
 }
 
+/// With closed forms switched off, direct light is noisy and right on average, in the open and in the half-shadow of half a lamp.
+#[test]
+fn sampled_light_is_noisy_and_has_no_bias() {
+    let mut builder = floor_and_lamp(1);
+    let black = builder.push_material(Material::diffuse("black", Rgb::ZERO));
+    let corner = |x: f64, z: f64| DVec3::new(x, 0.5, z);
+    let corners = [corner(0.0, -2.0), corner(0.0, 2.0), corner(2.0, 2.0), corner(2.0, -2.0)];
+    Shape::new().quad(corners).push_into(&mut builder, "blocker", black);
+    let scene = scenes::build(builder);
+    for (x, fraction) in [(0.0, 0.5), (-0.51, 1.0)] {
+        // As many times the same point as there are samples of its own.
+        let points = vec![at(&scene, [x, 0.0, 0.0], Vec3::Y); 1000];
+        let e = |is_exact| direct(&scene, &points, DirectOptions { is_exact, ..DirectOptions::projection() });
+        let (exact, sampled) = (e(true), e(false));
+        let mean = sampled.iter().map(|e| f64::from(e.x)).sum::<f64>() / 1000.0;
+        let variance = sampled.iter().map(|e| (f64::from(e.x) - mean).powi(2)).sum::<f64>() / 999.0;
+        let noise = variance.sqrt();
+        println!("{mean} of {}, noise {noise}", exact[0].x);
+        assert!(exact.iter().all(|e| (e.x - exact[0].x).abs() < 1e-6));
+        assert!(x < 0.0 || (exact[0].x / (fraction * UNIT_SQUARE) - 1.0).abs() < 1e-3);
+        assert!(noise > 0.002 * mean && (mean - f64::from(exact[0].x)).abs() < 4.0 * noise / 1000f64.sqrt());
+    }
+}
+
 /// A blocker that hides exactly half of the lamp by symmetry.
 #[test]
 fn half_a_lamp_gives_half_the_light() {
@@ -204,8 +228,14 @@ fn a_hidden_lamp_gives_exactly_nothing() {
 }
 
 /// Shadow rays that get there are enough when there are sixteen of them.
-const ROUGH: DirectOptions =
-    DirectOptions { seed: 0, light_samples: 256, enough: 16, sky_samples: 1, estimator: DirectEstimator::Lights };
+const ROUGH: DirectOptions = DirectOptions {
+    seed: 0,
+    light_samples: 256,
+    enough: 16,
+    sky_samples: 1,
+    estimator: DirectEstimator::Lights,
+    is_exact: true,
+};
 
 /// Counts shadow rays.
 struct Counting<'a>(&'a Bvh, AtomicUsize);

@@ -2,9 +2,11 @@
 
 use glam::{DVec3, Vec3};
 use hplt_basis::{Absolute, BasisOptions, Coefficients, Reconstruction, ShepardBasis};
-use hplt_geom::{Bvh, BvhOptions, Material, OrientedPoint, PointHierarchy, PointLevel, RegionId, Rgb, SceneBuilder};
+use hplt_geom::{
+    Bvh, BvhOptions, Material, OrientedPoint, PointHierarchy, PointLevel, RayCaster, RegionId, Rgb, SceneBuilder,
+};
 use hplt_reference::scenes::{self, Shape};
-use hplt_transport::LayeredInSight;
+use hplt_transport::{LayeredInSight, LayeredNearestInSight, OpenAir};
 
 /// A square of 2 m, that nothing is near.
 fn floor() -> Bvh {
@@ -48,4 +50,37 @@ fn a_value_that_hangs_on_one_function_is_a_guess() {
         let (value, is_guess) = read(&values.map(|value| (up, value)));
         assert!((value - 2.0).abs() < 1e-6 && !is_guess, "{value}");
     }
+}
+
+/// A thin wall stands between a query and bright functions on a step behind it, whose extents know nothing of it.
+#[test]
+fn light_leaks_through_a_thin_wall_where_no_ray_looks() {
+    let mut builder = SceneBuilder::new();
+    let white = builder.push_material(Material::diffuse("white", Rgb::splat(0.5)));
+    let corner = |y: f64, z: f64| DVec3::new(0.0, y, z);
+    let corners = [corner(0.0, -1.0), corner(0.0, 1.0), corner(0.5, 1.0), corner(0.5, -1.0)];
+    Shape::new().quad(corners).push_into(&mut builder, "wall", white);
+    let scene = scenes::build(builder);
+    let (wall, _) = Bvh::build(&scene, BvhOptions::default());
+    let at = |x: f64, y: f64, z: f64| {
+        let position = scene.frame().scene_from_world_point(DVec3::new(x, y, z));
+        OrientedPoint::new(position, Vec3::Y, RegionId(0)).with_area(1.0)
+    };
+    let places = [-0.03, 0.0, 0.03];
+    let points = places.map(|z| at(-0.03, 0.001, z)).into_iter().chain(places.map(|z| at(0.02, 0.01, z))).collect();
+    let support = PointLevel::new(0.05 / scene.frame().scale() as f32, points);
+    let basis = ShepardBasis::build(PointHierarchy { levels: vec![support], n_regions: 1 }, BasisOptions::default());
+    let values = [[0.0; 3], [1.0; 3]].concat().into_iter().map(Rgb::splat).collect();
+    let field = Coefficients::<Absolute>::from_levels(vec![values]);
+    let read = |caster: &dyn RayCaster| {
+        let mut out = [Rgb::ZERO];
+        LayeredInSight { caster, gradients: None }.reconstruct(&basis, &field, 1, &[at(-0.01, 0.001, 0.0)], &mut out);
+        out[0].x
+    };
+    let is_read = |caster: &dyn RayCaster| {
+        LayeredNearestInSight { caster }.in_sight(&basis, &field, 1, &[at(-0.001, 0.001, 0.0)])[0].is_some()
+    };
+    assert_eq!(read(&wall), 0.0);
+    assert!(read(&OpenAir) > 0.3, "{}", read(&OpenAir));
+    assert!(!is_read(&wall) && is_read(&OpenAir));
 }

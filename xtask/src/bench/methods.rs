@@ -64,7 +64,7 @@ enum Budgets {
 const NOISE_AWARE: [(&str, &str); 3] =
     [("--threshold", "0"), ("--relative-threshold", "0.05"), ("--noise-factor", "2")];
 
-const LINKS_ABLATIONS: [Ablation; 7] = [
+const LINKS_ABLATIONS: [Ablation; 10] = [
     usual("plain bounces, no Krylov solver", "production", &[("--solver", "bounces")]),
     usual("Shepard links, not nearest", "production", &[("--reconstruction", "shepard")]),
     usual("refined everywhere, no oracle", "production", &[("--relative-threshold", "0"), ("--noise-factor", "0")]),
@@ -80,7 +80,16 @@ const LINKS_ABLATIONS: [Ablation; 7] = [
             ("--noise-factor", "2"),
         ],
     ),
+    usual("no sight rays", "production", &[("--without", "sight")]),
+    usual("direct light sampled, not exact", "production", &[("--without", "exact-light")]),
     Ablation { title: "no final gather", engine: "production", flags: &[], budgets: Budgets::Interpolated },
+    // Gathers read no gradients.
+    Ablation {
+        title: "no final gather, no gradients",
+        engine: "production",
+        flags: &[("--without", "gradients")],
+        budgets: Budgets::Interpolated,
+    },
 ];
 
 const PUBLISHED_ABLATIONS: [Ablation; 7] = [
