@@ -20,6 +20,7 @@ pub use glam;
 
 mod bvh;
 mod camera;
+mod cell_order;
 mod environment;
 mod error;
 mod frame;
@@ -39,6 +40,7 @@ mod texture;
 
 pub use bvh::{Bvh, BvhOptions, BvhReport};
 pub use camera::Camera;
+pub use cell_order::order_by_cell;
 pub use environment::Environment;
 pub use error::Error;
 pub use frame::Frame;

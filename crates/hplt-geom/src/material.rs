@@ -44,11 +44,11 @@ impl TextureSlot {
     }
 
     fn rgb(&self, uv: Vec2) -> Rgb {
-        self.texture.sample(self.transform.apply(uv), self.wrap).truncate()
+        self.tap(uv).mix().truncate()
     }
 
     fn alpha(&self, uv: Vec2) -> f32 {
-        self.texture.sample(self.transform.apply(uv), self.wrap).w
+        self.tap(uv).mix().w
     }
 }
 

@@ -5,6 +5,7 @@ use glam::{DVec3, Vec2};
 use hplt_basis::{Coefficients, Coverage, Reconstruction, ShepardBasis};
 use hplt_geom::{
     Hit, Interrupted, OrientedPoint, Progress, Ray, RayCaster, RegionId, Rgb, SurfacePoint, offset_origin,
+    order_by_cell,
 };
 use hplt_sampling::random::{Stage, hash};
 use hplt_sampling::{sobol, warp};
@@ -97,20 +98,8 @@ impl CellOrder {
         let side = (1u32 << bits) as f32;
         cells.clear();
         cells.extend(points.iter().map(|p| interleaved((p.x * side) as u8) | interleaved((p.y * side) as u8) << 1));
-        ends.clear();
         ends.resize(1 << (2 * bits), 0);
-        cells.iter().for_each(|&cell| ends[usize::from(cell)] += 1);
-        let mut end = 0;
-        for count in &mut *ends {
-            end += std::mem::replace(count, end);
-        }
-        order.clear();
-        order.resize(points.len(), 0);
-        for (i, &cell) in cells.iter().enumerate() {
-            let at = &mut ends[usize::from(cell)];
-            order[*at as usize] = i as u32;
-            *at += 1;
-        }
+        order_by_cell(cells, ends, order);
     }
 }
 

@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 
-use crate::Ray;
+use crate::{Ray, order_by_cell};
 
 /// Batches below this are traced in the order given.
 const FEW: usize = 16;
@@ -14,25 +14,12 @@ const N_CELLS: usize = 1 << (2 * BITS);
 
 /// Indices of `rays`, neighbours in direction next to each other; `None` for the order given.
 pub(super) fn coherent_order(rays: &[Ray]) -> Option<Vec<u32>> {
-    let n = rays.len() as u32;
     if rays.len() < FEW {
         return None;
     }
-    let mut ends = [0u32; N_CELLS];
     let cells: Vec<u16> = rays.iter().map(|ray| cell(ray.direction)).collect();
-    for &cell in &cells {
-        ends[usize::from(cell)] += 1;
-    }
-    let mut end = 0;
-    for count in &mut ends {
-        end += std::mem::replace(count, end);
-    }
-    let mut order = vec![0; rays.len()];
-    for (i, &cell) in (0..n).zip(&cells) {
-        let at = &mut ends[usize::from(cell)];
-        order[*at as usize] = i;
-        *at += 1;
-    }
+    let mut order = Vec::new();
+    order_by_cell(&cells, &mut [0; N_CELLS], &mut order);
     Some(order)
 }
 
