@@ -1,6 +1,7 @@
 //! Maps from the unit square to discs, directions and triangles, each with its density.
 
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+use std::f64::consts::TAU;
 
 use glam::{DVec3, Mat3, Vec2, Vec3};
 use hplt_geom::radiometry::{cone_solid_angle, cosine_pdf_solid_angle};
@@ -147,42 +148,59 @@ impl SphericalTriangle {
     }
 }
 
-/// Directions uniform over the solid angle of a rectangle seen from the origin (Ureña, Fajardo & King, "An Area-Preserving Parametrization
-/// for Spherical Rectangles", 2013).
+/// A rectangle that [`SphericalRectangle`] looks at from many points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rectangle {
+    corner: DVec3,
+    /// Unit vectors along the edges from the corner, and across.
+    axes: [DVec3; 3],
+    /// Lengths of the edges.
+    size: [f64; 2],
+}
+
+impl Rectangle {
+    /// From one `corner` the two `edges` go out at right angles. `None` where one has no length.
+    pub fn new(corner: Vec3, edges: [Vec3; 2]) -> Option<Self> {
+        let [ex, ey] = edges.map(|e| e.as_dvec3());
+        let (x, y) = (ex.try_normalize()?, ey.try_normalize()?);
+        Some(Self { corner: corner.as_dvec3(), axes: [x, y, x.cross(y)], size: [ex.length(), ey.length()] })
+    }
+}
+
+/// Points of a rectangle, uniform in the solid angle that an eye sees of it (Ureña, Fajardo & King, "An Area-Preserving Parametrization
+/// for Spherical Rectangles", 2013). Angles are those of products of complex numbers, so that there is one inverse function and one root per corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphericalRectangle {
-    /// Along the edges, and away from the rectangle.
-    axes: [DVec3; 3],
-    /// The rectangle in these: from and to along the first two, and where along the third.
+    /// From and to along the edges, seen from the eye.
     x: [f64; 2],
     y: [f64; 2],
-    z: f64,
-    /// What the normals of the planes through the origin and the sides at the ends of `y` have along the third.
-    sides: [f64; 2],
-    rest: f64,
+    /// Square of the distance of the eye from the plane.
+    z2: f64,
+    /// Squares of the distances of the eye from the lines at the ends of `y`.
+    to_lines2: [f64; 2],
+    /// Cosine and sine of the angle at which the solid angle begins to count.
+    begin: [f64; 2],
     solid_angle: f64,
 }
 
 impl SphericalRectangle {
-    /// From one `corner` the two `edges` go out at right angles. `None` where it is seen edge-on, or is too small to tell.
-    pub fn new(corner: Vec3, edges: [Vec3; 2]) -> Option<Self> {
-        let [ex, ey] = edges.map(|e| e.as_dvec3());
-        let (x, y) = (ex.try_normalize()?, ey.try_normalize()?);
-        let corner = corner.as_dvec3();
-        let z = x.cross(y);
-        let (x0, y0, z0) = (corner.dot(x), corner.dot(y), corner.dot(z));
-        let (z, z0) = if z0 > 0.0 { (-z, -z0) } else { (z, z0) };
-        if z0 == 0.0 {
-            return None;
-        }
-        let (x1, y1) = (x0 + ex.length(), y0 + ey.length());
-        let [side_y0, side_x1, side_y1, side_x0] = [-y0, x1, y1, -x0].map(|k| k / hypotenuse(k, z0));
-        let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
-        let rest = std::f64::consts::TAU - angle(side_y1, side_x0) - angle(side_x0, side_y0);
-        let solid_angle = angle(side_y0, side_x1) + angle(side_x1, side_y1) - rest;
-        let (axes, sides) = ([x, y, z], [side_y0, side_y1]);
-        let rectangle = Self { axes, x: [x0, x1], y: [y0, y1], z: z0, sides, rest, solid_angle };
-        (solid_angle >= LEAST_SOLID_ANGLE).then_some(rectangle)
+    /// What is seen of it from `eye`. `None` where it is seen edge-on, or is too small to tell.
+    pub fn new(rectangle: &Rectangle, eye: Vec3) -> Option<Self> {
+        let Rectangle { corner, axes, size } = rectangle;
+        let [x0, y0, z] = axes.map(|axis| (corner - eye.as_dvec3()).dot(axis));
+        let [x1, y1] = [x0 + size[0], y0 + size[1]];
+        let z2 = z * z;
+        // The angle between the planes through the eye and the two sides that meet in a corner.
+        let angle = |x: f64, y: f64, sign: f64| [sign * x * y, z.abs() * (x * x + y * y + z2).sqrt()];
+        let end = product(angle(x1, y0, 1.0), angle(x1, y1, -1.0));
+        let [re, im] = product(angle(x0, y1, 1.0), angle(x0, y0, -1.0));
+        let begin = [re, -im].map(|part| part / hypotenuse(re, im));
+        let [re, im] = product(end, [re, im]);
+        let solid_angle = im.atan2(re);
+        let solid_angle = if solid_angle < -LEAST_SOLID_ANGLE { solid_angle + TAU } else { solid_angle };
+        let to_lines2 = [y0 * y0 + z2, y1 * y1 + z2];
+        let seen = Self { x: [x0, x1], y: [y0, y1], z2, to_lines2, begin, solid_angle };
+        (solid_angle >= LEAST_SOLID_ANGLE).then_some(seen)
     }
 
     /// Steradians.
@@ -190,20 +208,25 @@ impl SphericalRectangle {
         self.solid_angle
     }
 
-    /// A unit direction; `u` is uniform in the unit square.
-    pub fn sample(&self, u: Vec2) -> Vec3 {
-        let Self { axes: [x, y, z], x: [x0, x1], y: [y0, y1], z: z0, sides: [side_y0, side_y1], rest, solid_angle } =
-            *self;
-        let (sin, cos) = (f64::from(u.x) * solid_angle + rest).sin_cos();
+    /// A point of the rectangle, in shares of its edges; `u` is uniform in the unit square.
+    pub fn sample(&self, u: Vec2) -> Vec2 {
+        let Self { x: [x0, x1], y: [y0, y1], z2, to_lines2, begin, solid_angle } = *self;
+        let (sin, cos) = (f64::from(u.x) * solid_angle).sin_cos();
+        let [cos, sin] = product(begin, [cos, sin]);
+        let [side_y0, side_y1] = [-y0 / to_lines2[0].sqrt(), y1 / to_lines2[1].sqrt()];
         let f = (cos * side_y0 - side_y1) / sin;
-        let cos_u = (f.signum() / hypotenuse(f, side_y0)).clamp(-1.0, 1.0);
-        let at_x = (-cos_u * z0 / (1.0 - cos_u * cos_u).sqrt()).clamp(x0, x1);
-        let to_line = hypotenuse(at_x, z0);
-        let [h0, h1] = [y0, y1].map(|k| k / hypotenuse(k, to_line));
+        // The plane through the eye across the rectangle that leaves the first number's share on its one side.
+        let at_x = ((z2 / (f * f - z2 / to_lines2[0]).max(0.0)).sqrt() * f.signum()).clamp(x0, x1);
+        let to_line2 = at_x * at_x + z2;
+        let [h0, h1] = [y0, y1].map(|y| y / (y * y + to_line2).sqrt());
         let h = h0 + f64::from(u.y) * (h1 - h0);
-        let at_y = (h * to_line / (1.0 - h * h).max(0.0).sqrt()).clamp(y0, y1);
-        (at_x * x + at_y * y + z0 * z).normalize().as_vec3()
+        let at_y = (h * (to_line2 / (1.0 - h * h).max(0.0)).sqrt()).clamp(y0, y1);
+        Vec2::new(((at_x - x0) / (x1 - x0)) as f32, ((at_y - y0) / (y1 - y0)) as f32)
     }
+}
+
+fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    [a * c - b * d, a * d + b * c]
 }
 
 fn hypotenuse(a: f64, b: f64) -> f64 {

@@ -2,7 +2,7 @@
 use glam::{Vec2, Vec3};
 use hplt_sampling::random::{Stage, Stream, hash, unit_f32, unit_f64};
 use hplt_sampling::sobol::{BLOCK_SIZE, sobol_2d};
-use hplt_sampling::warp::{self, SphericalRectangle, SphericalTriangle};
+use hplt_sampling::warp::{self, Rectangle, SphericalRectangle, SphericalTriangle};
 
 #[test]
 fn test_vectors() {
@@ -243,7 +243,7 @@ fn spherical_triangles_are_uniform_in_solid_angle() {
 }
 
 /// Uniform over the solid angle of a rectangle, near, far, and with the origin below its middle or beside it: the area is that of its
-/// two triangles, every direction hits it, and the mean cosine is the exact form factor.
+/// two triangles, every point is on it, and the mean cosine is the exact form factor.
 #[test]
 fn spherical_rectangles_are_uniform_in_solid_angle() {
     let turn = glam::Mat3::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.9);
@@ -259,18 +259,23 @@ fn spherical_rectangles_are_uniform_in_solid_angle() {
         let expected = triangle([a, b, c]) + triangle([a, c, d]);
         let up = directions.iter().sum::<glam::DVec3>().normalize();
         let factor = hplt_geom::radiometry::polygon_form_factor(up, &directions).abs();
-        let seen = SphericalRectangle::new(corner, edges).unwrap();
+        let eye = Vec3::new(0.25, -0.5, 1.5);
+        let rectangle = Rectangle::new(corner + eye, edges).unwrap();
+        let seen = SphericalRectangle::new(&rectangle, eye).unwrap();
         assert!((seen.solid_angle() / expected - 1.0).abs() < 1e-5);
-        let normal = edges[0].cross(edges[1]);
-        let hits = |d: Vec3| {
-            let p = d * (corner.dot(normal) / d.dot(normal)) - corner;
-            edges.iter().all(|e| (-1e-4..=1.0001).contains(&(p.dot(*e) / e.length_squared())))
+        let sample = |u| {
+            let shares = seen.sample(u);
+            assert!([shares.x, shares.y].iter().all(|share| (0.0..=1.0).contains(share)), "{shares}");
+            (corner + shares.x * edges[0] + shares.y * edges[1]).normalize()
         };
-        assert!(grid(64).all(|u| hits(seen.sample(u))));
         let above = |d: Vec3| f64::from(warp::cosine_hemisphere_pdf_solid_angle(d.dot(up.as_vec3()).max(0.0)));
-        let cosines = mean(256, |u| above(seen.sample(u)));
+        let cosines = mean(256, |u| above(sample(u)));
         assert!((cosines * expected / factor - 1.0).abs() < 1e-4, "{} {factor}", cosines * expected);
     }
-    assert_eq!(SphericalRectangle::new(Vec3::X, [Vec3::X, Vec3::Y]), None);
-    assert_eq!(SphericalRectangle::new(Vec3::Z, [Vec3::ZERO, Vec3::Y]), None);
+    assert_eq!(Rectangle::new(Vec3::Z, [Vec3::ZERO, Vec3::Y]), None);
+    let rectangle = Rectangle::new(Vec3::X, [Vec3::X, Vec3::Y]).unwrap();
+    // In its plane: beside it, at a corner, on a side and inside.
+    for eye in [Vec3::ZERO, Vec3::X, Vec3::new(1.5, 0.0, 0.0), Vec3::new(1.5, 0.5, 0.0)] {
+        assert_eq!(SphericalRectangle::new(&rectangle, eye), None, "{eye}");
+    }
 }

@@ -5,7 +5,7 @@ use std::ops::Deref;
 use glam::{DVec3, Vec2, Vec3};
 use hplt_geom::radiometry::{area_kernel, cosine_pdf_solid_angle, luminance, polygon_form_factor};
 use hplt_geom::{LightGroupId, LightGroups, Material, OrientedPoint, Rgb, Scene, TriangleId, parallel};
-use hplt_sampling::warp::{self, SphericalRectangle, SphericalTriangle};
+use hplt_sampling::warp::{self, Rectangle, SphericalRectangle, SphericalTriangle};
 
 use crate::light_tree::{Cut, LightTree};
 
@@ -66,6 +66,8 @@ impl Deref for Corners {
 #[derive(Debug, Clone)]
 pub(crate) struct Emitter {
     pub corners: Corners,
+    /// The same for looking at it, if it is a rectangle.
+    rectangle: Option<Box<Rectangle>>,
     /// Unit normal on the side that emits.
     pub normal: Vec3,
     pub area: f32,
@@ -98,9 +100,16 @@ impl Seen<'_> {
     /// area. `u` is uniform in the unit square.
     pub fn aim(&self, scene: &Scene, u: Vec2) -> Aim {
         let Self { emitter, position, normal, .. } = *self;
-        let (direction, solid_angle) = match &self.shape {
-            Some(Shape::Triangle(triangle)) => (triangle.sample(u), triangle.solid_angle()),
-            Some(Shape::Rectangle(rectangle)) => (rectangle.sample(u), rectangle.solid_angle()),
+        let (target, solid_angle) = match &self.shape {
+            Some(Shape::Triangle(triangle)) => {
+                let direction = triangle.sample(u);
+                let distance = (emitter.corners[0] - position).dot(emitter.normal) / direction.dot(emitter.normal);
+                (position + distance * direction, triangle.solid_angle())
+            }
+            Some(Shape::Rectangle(rectangle)) => {
+                let Vec2 { x: s, y: t } = rectangle.sample(u);
+                (emitter.point(s, t), rectangle.solid_angle())
+            }
             None => {
                 let Vec2 { x: s, y: t } = if emitter.is_rectangle() { u } else { warp::uniform_triangle(u) };
                 let target = emitter.point(s, t);
@@ -108,9 +117,8 @@ impl Seen<'_> {
                 return Aim { target, brings: exitance * emitter.kernel(position, normal, target) };
             }
         };
-        let distance = (emitter.corners[0] - position).dot(emitter.normal) / direction.dot(emitter.normal);
-        let target = position + distance * direction;
-        let weight = cosine_pdf_solid_angle(normal.dot(direction).max(0.0)) * solid_angle as f32;
+        let cos = normal.dot((target - position).normalize_or_zero()).max(0.0);
+        let weight = cosine_pdf_solid_angle(cos) * solid_angle as f32;
         Aim { target, brings: emitter.exitance(scene, || emitter.weights_of(target)) * weight }
     }
 }
@@ -161,11 +169,11 @@ impl Emitter {
 
     /// For shadow rays to it from one point.
     pub fn seen_from(&self, position: Vec3, normal: Vec3) -> Seen<'_> {
-        let [a, b, c, d] = self.corners.all;
-        let shape = match (self.looms(position), self.is_rectangle()) {
+        let [a, b, c, _] = self.corners.all;
+        let shape = match (self.looms(position), &self.rectangle) {
             (false, _) => None,
-            (true, true) => SphericalRectangle::new(a - position, [b - a, d - a]).map(Shape::Rectangle),
-            (true, false) => SphericalTriangle::new([a - position, b - position, c - position]).map(Shape::Triangle),
+            (true, Some(rectangle)) => SphericalRectangle::new(rectangle, position).map(Shape::Rectangle),
+            (true, None) => SphericalTriangle::new([a - position, b - position, c - position]).map(Shape::Triangle),
         };
         Seen { emitter: self, position, normal, shape }
     }
@@ -367,6 +375,7 @@ fn with_rectangles(mut all: Vec<Emitter>) -> Vec<Emitter> {
             is_second[second] = true;
             let whole = &mut all[first];
             whole.corners = Corners::rectangle([p, q, r, s]);
+            whole.rectangle = Rectangle::new(p, [q - p, s - p]).map(Box::new);
             whole.area += area;
             whole.power = (whole.power + power).min(f32::MAX);
         }
@@ -386,6 +395,7 @@ fn emitter(
     let area = scene.mesh().area(triangle) as f32;
     Emitter {
         corners: Corners::triangle(scene.mesh().corners(triangle)),
+        rectangle: None,
         normal: scene.mesh().face_normal(triangle) * side,
         area,
         triangle,
@@ -410,6 +420,7 @@ pub(crate) mod tests {
         let area = 0.5 * cross.length();
         Emitter {
             corners: Corners::triangle(corners),
+            rectangle: None,
             normal: cross.normalize(),
             area,
             triangle: TriangleId(0),
@@ -428,7 +439,8 @@ pub(crate) mod tests {
         let emitters = Emitters::new(&scene, &LightGroups::of(&scene));
         let [lamp] = &emitters.all[..] else { panic!("{} emitters", emitters.all.len()) };
         let [a, b, c, _] = lamp.corners.all;
-        let half = Emitter { corners: Corners::triangle([a, b, c]), area: 0.5 * lamp.area, ..lamp.clone() };
+        let area = 0.5 * lamp.area;
+        let half = Emitter { corners: Corners::triangle([a, b, c]), rectangle: None, area, ..lamp.clone() };
         for (lamp, (share, depth, tilt)) in [lamp, &half]
             .into_iter()
             .flat_map(|lamp| [(0.33, 0.05, 0.0), (0.25, 0.02, 0.5), (0.0, 0.01, 0.5)].map(|place| (lamp, place)))
