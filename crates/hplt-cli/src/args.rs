@@ -283,7 +283,7 @@ pub struct PointsArgs {
     /// Table to write [default: -, which is stdout]
     #[arg(short, long, value_name = "FILE.csv|-")]
     pub out: Option<PathBuf>,
-    /// Rays of a final gather per point, a multiple of 8 up to 65536, best a power of two; without it surfaces are interpolated
+    /// Rays of a final gather per point, a multiple of 8 up to 65536, best a power of two, fewer where little noise is left; without it surfaces are interpolated
     #[arg(long, value_name = "N")]
     pub final_gather: Option<u32>,
     /// Rays, at most, of points where interpolation cannot be trusted, a power of two; 0: interpolate there too

@@ -16,8 +16,13 @@ const DOUBT: f32 = 0.3;
 /// Rays of a first try at every point, at least, and their share of the rays that are allowed. Points in slits and hollows and on
 /// surface that next to no light reaches are settled by it.
 const FIRST_TRY: (u32, u32) = (256, 16);
+/// The share of a second try, after which those points go on that are noisy beside the others.
+const SECOND_TRY: u32 = 4;
+/// How noisy that is, over the mean noise of all that are left then.
+const NOISY: f32 = 0.5;
 
-/// When a first try needs no second one.
+/// When a try needs no further one.
+#[derive(Clone, Copy)]
 struct Settled {
     /// At noise, over the total irradiance, of no more than this.
     noise: f32,
@@ -30,6 +35,11 @@ impl Settled {
     const ALL: Self = Self { noise: 0.0025, in_the_dark: false };
     /// Where it is only those that cannot be interpolated: many of them are in slits and hollows that no light gets to.
     const DOUBTFUL: Self = Self { noise: 0.01, in_the_dark: true };
+
+    /// The same where the points that are left have noise of `mean` on average.
+    fn beside(self, mean: f32) -> Self {
+        Self { noise: self.noise.max(NOISY * mean), ..self }
+    }
 
     fn by(&self, found: &FinalGather, point: &OrientedPoint, total: f32) -> bool {
         let may_be_dark = self.in_the_dark || point.region == RegionId::DARK || found.irradiance != Rgb::ZERO;
@@ -88,10 +98,10 @@ pub fn indirect_light(
     }
     let light = lit.lights.with_options(DirectOptions::one_sample());
     let seed = settings.transport.seed;
-    let (least, share) = FIRST_TRY;
-    let first_try = Some((n_rays / share).max(least)).filter(|&first| first < n_rays);
+    let settled = if matches!(gathered, Gathered::All) { Settled::ALL } else { Settled::DOUBTFUL };
+    let [first, second] = tries(n_rays);
     let mut found = vec![FinalGather::default(); points.len()];
-    for n_rays in first_try.into_iter().chain([n_rays]) {
+    for n_rays in [first, second].into_iter().flatten().chain([n_rays]) {
         let options = FinalGatherOptions { n_rays, stage: Stage::FinalGather, seed, light: &light, contact: CONTACT };
         let how = (&lit.model(), settings.transport.sender_levels);
         lit.field.gather(how, (points, &pending), &mut found, options, progress)?;
@@ -99,10 +109,21 @@ pub fn indirect_light(
             (irradiance[i], noise[i]) = (found[i].irradiance, luminance(found[i].noise));
         }
         let scale = Scale::of(direct, &irradiance);
-        let settled = if matches!(gathered, Gathered::All) { Settled::ALL } else { Settled::DOUBTFUL };
+        let settled = match Some(n_rays) == second {
+            true => settled.beside(scale.mean_noise(&found, &pending)),
+            false => settled,
+        };
         pending.retain(|&i| !settled.by(&found[i], &points[i], scale.at(i)));
     }
     Ok(Indirect { irradiance, noise, n_gathered })
+}
+
+/// The rays of a first and of a second try, where fewer than `n_rays` can tell anything.
+fn tries(n_rays: u32) -> [Option<u32>; 2] {
+    let (least, share) = FIRST_TRY;
+    let first = (n_rays / share).max(least);
+    let second = n_rays / SECOND_TRY;
+    [(first < n_rays).then_some(first), (first < second).then_some(second)]
 }
 
 /// What errors are measured by.
@@ -123,6 +144,12 @@ impl Scale {
     /// What an error at point `i` is to be held against.
     fn at(&self, i: usize) -> f32 {
         self.totals[i].max(self.floor)
+    }
+
+    /// The mean noise of what was found at the points with these indices, each over its light.
+    fn mean_noise(&self, found: &[FinalGather], indices: &[usize]) -> f32 {
+        let over = |&i: &usize| f64::from(luminance(found[i].noise) / self.at(i).max(f32::MIN_POSITIVE));
+        (indices.iter().map(over).sum::<f64>() / indices.len().max(1) as f64) as f32
     }
 
     /// Whether interpolation cannot be trusted at point `i`: the functions around differ by much of the light.
@@ -154,6 +181,29 @@ mod tests {
         assert!(!by(Settled::ALL, found(1.0, 0.006), RegionId(0)));
         assert!(by(Settled::DOUBTFUL, found(1.0, 0.019), RegionId(0)));
         assert!(!by(Settled::DOUBTFUL, found(1.0, 0.021), RegionId(0)));
+        // Beside points that are noisier, and never less than where all are quiet.
+        assert!(by(Settled::ALL.beside(0.05), found(1.0, 0.049), RegionId(0)));
+        assert!(!by(Settled::ALL.beside(0.05), found(1.0, 0.051), RegionId(0)));
+        assert!(!by(Settled::ALL.beside(0.05), found(0.0, 0.0), RegionId(0)));
+        assert!(by(Settled::ALL.beside(0.0), found(1.0, 0.004), RegionId(0)));
+    }
+
+    #[test]
+    fn a_second_try_comes_after_a_first_one_and_before_the_last() {
+        assert_eq!(tries(256), [None, None]);
+        assert_eq!(tries(512), [Some(256), None]);
+        assert_eq!(tries(1024), [Some(256), None]);
+        assert_eq!(tries(2048), [Some(256), Some(512)]);
+        assert_eq!(tries(16384), [Some(1024), Some(4096)]);
+    }
+
+    #[test]
+    fn noise_counts_over_the_light_of_its_point() {
+        let found = |noise: f32| FinalGather { noise: Rgb::splat(noise), n_rays: 256, ..FinalGather::default() };
+        let scale = Scale { totals: vec![2.0, 0.0, 1.0], floor: 0.5 };
+        let found = [found(0.2), found(0.1), found(9.0)];
+        assert!((scale.mean_noise(&found, &[0, 1]) - 0.15).abs() < 1e-6);
+        assert_eq!(scale.mean_noise(&found, &[]), 0.0);
     }
 
     #[test]

@@ -67,7 +67,7 @@ impl Deref for Corners {
 pub(crate) struct Emitter {
     pub corners: Corners,
     /// The same for looking at it, if it is a rectangle.
-    rectangle: Option<Box<Rectangle>>,
+    pub rectangle: Option<Box<Rectangle>>,
     /// Unit normal on the side that emits.
     pub normal: Vec3,
     pub area: f32,
