@@ -176,8 +176,6 @@ pub struct SphericalRectangle {
     y: [f64; 2],
     /// Square of the distance of the eye from the plane.
     z2: f64,
-    /// Squares of the distances of the eye from the lines at the ends of `y`.
-    to_lines2: [f64; 2],
     /// Cosine and sine of the angle at which the solid angle begins to count.
     begin: [f64; 2],
     solid_angle: f64,
@@ -194,12 +192,12 @@ impl SphericalRectangle {
         let angle = |x: f64, y: f64, sign: f64| [sign * x * y, z.abs() * (x * x + y * y + z2).sqrt()];
         let end = product(angle(x1, y0, 1.0), angle(x1, y1, -1.0));
         let [re, im] = product(angle(x0, y1, 1.0), angle(x0, y0, -1.0));
-        let begin = [re, -im].map(|part| part / hypotenuse(re, im));
+        let length = (re * re + im * im).sqrt();
+        let begin = [re / length, -im / length];
         let [re, im] = product(end, [re, im]);
         let solid_angle = im.atan2(re);
         let solid_angle = if solid_angle < -LEAST_SOLID_ANGLE { solid_angle + TAU } else { solid_angle };
-        let to_lines2 = [y0 * y0 + z2, y1 * y1 + z2];
-        let seen = Self { x: [x0, x1], y: [y0, y1], z2, to_lines2, begin, solid_angle };
+        let seen = Self { x: [x0, x1], y: [y0, y1], z2, begin, solid_angle };
         (solid_angle >= LEAST_SOLID_ANGLE).then_some(seen)
     }
 
@@ -210,13 +208,15 @@ impl SphericalRectangle {
 
     /// A point of the rectangle, in shares of its edges; `u` is uniform in the unit square.
     pub fn sample(&self, u: Vec2) -> Vec2 {
-        let Self { x: [x0, x1], y: [y0, y1], z2, to_lines2, begin, solid_angle } = *self;
+        let Self { x: [x0, x1], y: [y0, y1], z2, begin, solid_angle } = *self;
         let (sin, cos) = (f64::from(u.x) * solid_angle).sin_cos();
         let [cos, sin] = product(begin, [cos, sin]);
-        let [side_y0, side_y1] = [-y0 / to_lines2[0].sqrt(), y1 / to_lines2[1].sqrt()];
+        // Squares of the distances of the eye from the sides at the ends of `y`.
+        let to_sides2 = [y0 * y0 + z2, y1 * y1 + z2];
+        let [side_y0, side_y1] = [-y0 / to_sides2[0].sqrt(), y1 / to_sides2[1].sqrt()];
         let f = (cos * side_y0 - side_y1) / sin;
         // The plane through the eye across the rectangle that leaves the first number's share on its one side.
-        let at_x = ((z2 / (f * f - z2 / to_lines2[0]).max(0.0)).sqrt() * f.signum()).clamp(x0, x1);
+        let at_x = ((z2 / (f * f - z2 / to_sides2[0]).max(0.0)).sqrt() * f.signum()).clamp(x0, x1);
         let to_line2 = at_x * at_x + z2;
         let [h0, h1] = [y0, y1].map(|y| y / (y * y + to_line2).sqrt());
         let h = h0 + f64::from(u.y) * (h1 - h0);
@@ -227,10 +227,6 @@ impl SphericalRectangle {
 
 fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
     [a * c - b * d, a * d + b * c]
-}
-
-fn hypotenuse(a: f64, b: f64) -> f64 {
-    (a * a + b * b).sqrt()
 }
 
 /// The density of [`uniform_triangle`] per unit area of a triangle of the given area.
